@@ -1,0 +1,47 @@
+// The skinned body that an avatar starts from: a triangle mesh in its rest pose, a skeleton, and the weights between them.
+#pragma once
+
+#include "host/body/skeleton.h"
+
+#include <glm/gtc/type_precision.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
+
+#include <cstddef>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace arah {
+
+struct BodyTemplate {
+  Skeleton skeleton;
+  std::vector<glm::vec3> vertices;     // [V] rest pose, metres, +Y up, +Z forward
+  std::vector<glm::vec3> normals;      // [V] unit length, outward
+  std::vector<glm::uvec3> triangles;   // [T] vertex indices, counter-clockwise seen from outside
+  std::vector<glm::u8vec4> joints;     // [V] up to four joints of a vertex
+  std::vector<glm::vec4> weights;      // [V] their weights: >= 0, sum 1; 0 where a slot is unused
+  std::vector<std::byte> glb;          // the GLB file that this was read from, so that an avatar can carry it along
+};
+
+// Reads a skinned glTF 2.0 file, binary (.glb) or text (.gltf with its buffers). All triangle primitives that the first
+// skin moves are merged. The rest pose is the bind pose: joint positions are those of the inverse bind matrices' inverses,
+// whatever their rotation (the mesh's skinning needs positions only, because rest frames are world-aligned here). A common
+// transform between mesh and world (an armature's turn or scale) is applied to vertices and joints. Joints keep the skin's
+// order where parents already come before children. Normals that the file lacks are computed.
+// Throws InputError: not a glTF file, truncated, no skin, more than 64 joints, more than four influences, several roots,
+// indices out of range, numbers that are not finite, vertices without weight, compressed or sparse data.
+BodyTemplate read_body_template(const std::filesystem::path& path);
+
+// The same from the bytes of a GLB file; `where` names them in errors.
+BodyTemplate read_body_template_bytes(std::span<const std::byte> bytes, const std::string& where);
+
+// The bytes of a GLB file with POSITION, NORMAL, JOINTS_0, WEIGHTS_0, indices and inverse bind matrices (float32).
+// The result depends on the mesh and the skeleton only, not on body_template.glb.
+std::vector<std::byte> body_template_glb(const BodyTemplate& body_template);
+
+// Writes body_template_glb() to `path`. Throws std::runtime_error when the disk refuses.
+void write_body_template(const std::filesystem::path& path, const BodyTemplate& body_template);
+
+}  // namespace arah
