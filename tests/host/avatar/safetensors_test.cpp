@@ -1,0 +1,231 @@
+#include "host/avatar/safetensors.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <random>
+
+#include "host/input_error.h"
+#include "tests/golden.h"
+
+namespace arah {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+class Safetensors : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
+    folder_ = fs::temp_directory_path() / ("arah_safetensors_" + std::to_string(getpid()) + "_" + test->name());
+    fs::create_directories(folder_);
+    path_ = folder_ / "file.safetensors";
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  void put(const std::string& bytes) { std::ofstream(path_, std::ios::binary) << bytes; }
+  void put(const std::string& header, const std::string& data) { put(length(header.size()) + header + data); }
+  std::string bytes() const {
+    std::ifstream stream(path_, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+  }
+  static std::string length(uint64_t value) {
+    std::string text(8, '\0');
+    std::memcpy(text.data(), &value, 8);
+    return text;
+  }
+  // The text of the error that reading gives; empty when it succeeds.
+  std::string refusal() const {
+    try {
+      read_safetensors(path_);
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  }
+  static SafetensorsFile sample() {
+    SafetensorsFile file;
+    file.tensors["weights"] =
+        Tensor::from<float>({2, 3}, {1.5f, -2, 3, 4, 5, std::numeric_limits<float>::denorm_min()});
+    file.tensors["exact"] = Tensor::from<double>({}, {0.1});
+    file.tensors["ids"] = Tensor::from<int32_t>({3}, {-1, 0, 7});
+    file.tensors["big"] = Tensor::from<int64_t>({1}, {int64_t{1} << 40});
+    file.tensors["bytes \"quoted\" é"] = Tensor::from<uint8_t>({5}, {0, 1, 2, 254, 255});
+    file.tensors["none"] = Tensor::from<float>({4, 0, 2}, std::vector<float>{});
+    file.metadata["spec"] = R"({"width": 64})";
+    return file;
+  }
+
+  fs::path folder_, path_;
+};
+
+TEST_F(Safetensors, GivesBackWhatWasWritten) {
+  const SafetensorsFile written = sample();
+  write_safetensors(path_, written);
+  const SafetensorsFile read = read_safetensors(path_);
+  EXPECT_EQ(read.metadata, written.metadata);
+  ASSERT_EQ(read.tensors.size(), written.tensors.size());
+  for (const auto& [name, tensor] : written.tensors) {
+    EXPECT_EQ(read.at(name).dtype, tensor.dtype) << name;
+    EXPECT_EQ(read.at(name).shape, tensor.shape) << name;
+    EXPECT_EQ(read.at(name).data, tensor.data) << name;
+  }
+  EXPECT_EQ(read.at("weights").as<double>()[1], -2.0);
+  EXPECT_EQ(read.at("exact").count(), 1);
+  EXPECT_EQ(read.values<float>("ids", {3}), (std::vector<float>{-1, 0, 7}));
+  EXPECT_THROW(read.values<float>("ids", {1, 3}), InputError);
+  EXPECT_THROW(read.values<int32_t>("weights", {2, 3}), InputError);
+  EXPECT_THROW(read.values<int32_t>("big", {1}), InputError);
+  EXPECT_THROW(read.values<uint8_t>("ids", {3}), InputError);
+  EXPECT_THROW(read.at("absent"), InputError);
+}
+
+TEST_F(Safetensors, WritesAnEmptyFile) {
+  write_safetensors(path_, {});
+  EXPECT_TRUE(read_safetensors(path_).tensors.empty());
+}
+
+TEST_F(Safetensors, KeepsEveryTensorAligned) {
+  write_safetensors(path_, sample());
+  const std::string all = bytes();
+  uint64_t header = 0;
+  std::memcpy(&header, all.data(), 8);
+  EXPECT_EQ(header % 8, 0u);
+  const double exact = 0.1;
+  const size_t at = all.find(std::string(reinterpret_cast<const char*>(&exact), 8));
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_EQ(at % 8, 0u);
+}
+
+TEST_F(Safetensors, RefusesAFileCutAnywhere) {
+  write_safetensors(path_, sample());
+  const std::string all = bytes();
+  for (size_t size = 0; size < all.size(); ++size) {
+    put(all.substr(0, size));
+    EXPECT_THAT(refusal(), HasSubstr(path_.string())) << "cut to " << size << " of " << all.size() << " bytes";
+  }
+  put(all + '\0');
+  EXPECT_THAT(refusal(), HasSubstr("data"));
+}
+
+TEST_F(Safetensors, NamesWhatIsWrong) {
+  struct Row {
+    const char* header;
+    const char* data;
+    const char* says;
+  };
+  const Row rows[] = {
+      {"[1]", "", "object"},
+      {"{\"a\": 3}", "", "\"a\""},
+      {"{\"a\": ", "", "JSON"},
+      {"{\"a\": {\"dtype\": \"BF16\", \"shape\": [2], \"data_offsets\": [0, 4]}}", "1234", "BF16"},
+      {"{\"a\": {\"dtype\": 3, \"shape\": [1], \"data_offsets\": [0, 4]}}", "1234", "dtype"},
+      {"{\"a\": {\"dtype\": \"F32\", \"data_offsets\": [0, 4]}}", "1234", "shape"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [-1], \"data_offsets\": [0, 4]}}", "1234", "-1"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1.5], \"data_offsets\": [0, 4]}}", "1234", "1.5"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [2], \"data_offsets\": [0, 4]}}", "1234", "shape"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [18446744073709551615], \"data_offsets\": [0, 4]}}", "1234", "shape"},
+      // 2^62 * 4 + 1 numbers: the product wraps to 1 in 64 bits
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [4611686018427387905, 4], \"data_offsets\": [0, 16]}}",
+       "0123456789abcdef", "shape"},
+      // 2^62 numbers of 4 bytes: the byte count wraps to 0
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [4611686018427387904], \"data_offsets\": [0, 0]}}", "", "shape"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [4, 0]}}", "1234", "data_offsets"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [0, 4, 8]}}", "1234", "data_offsets"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [-4, 0]}}", "1234", "data_offsets"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [4, 8]}}", "1234", "data_offsets"},
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [18446744073709551612, 18446744073709551616]}}",
+       "1234", "data_offsets"},
+      // overlap
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [0, 4]},"
+       "\"b\": {\"dtype\": \"U8\", \"shape\": [4], \"data_offsets\": [2, 6]}}",
+       "123456", "\"b\""},
+      // gap
+      {"{\"a\": {\"dtype\": \"F32\", \"shape\": [1], \"data_offsets\": [0, 4]},"
+       "\"b\": {\"dtype\": \"U8\", \"shape\": [1], \"data_offsets\": [5, 6]}}",
+       "123456", "\"b\""},
+      // the same name twice
+      {"{\"a\": {\"dtype\": \"U8\", \"shape\": [1], \"data_offsets\": [0, 1]},"
+       "\"a\": {\"dtype\": \"U8\", \"shape\": [1], \"data_offsets\": [0, 1]}}",
+       "1", "several"},
+      {"{\"__metadata__\": {\"seed\": 3}}", "", "seed"},
+      {"{\"__metadata__\": \"text\"}", "", "__metadata__"},
+  };
+  for (const Row& row : rows) {
+    put(row.header, row.data);
+    EXPECT_THAT(refusal(), HasSubstr(row.says)) << row.header;
+    EXPECT_THAT(refusal(), HasSubstr(path_.string())) << row.header;
+  }
+  put(length(~uint64_t{0}) + "{}");
+  EXPECT_THAT(refusal(), HasSubstr("header length"));
+  fs::remove(path_);
+  EXPECT_THAT(refusal(), HasSubstr(path_.string()));
+  fs::create_directory(path_);
+  EXPECT_THAT(refusal(), HasSubstr(path_.string()));
+}
+
+// Whatever a flipped byte does, the answer is a file or an InputError, and nothing else.
+TEST_F(Safetensors, SurvivesFlippedBytes) {
+  write_safetensors(path_, sample());
+  const std::string all = bytes();
+  std::mt19937 random(1);
+  int refused = 0;
+  for (int round = 0; round < 2000; ++round) {
+    std::string changed = all;
+    for (int i = 0; i <= round % 3; ++i) changed[random() % changed.size()] = static_cast<char>(random());
+    put(changed);
+    refused += refusal().empty() ? 0 : 1;
+  }
+  EXPECT_GT(refused, 500);
+  EXPECT_LT(refused, 2000);
+}
+
+TEST_F(Safetensors, LeavesTheOldFileWhenWritingFails) {
+  SafetensorsFile file = sample();
+  write_safetensors(path_, file);
+  const std::string before = bytes();
+  file.tensors["weights"].data.pop_back();
+  EXPECT_THROW(write_safetensors(path_, file), std::invalid_argument);
+  file = sample();
+  file.tensors["\xff"] = Tensor::from<float>({}, {1.0f});
+  EXPECT_THROW(write_safetensors(path_, file), std::invalid_argument);
+  file = sample();
+  file.tensors["__metadata__"] = Tensor::from<float>({}, {1.0f});
+  EXPECT_THROW(write_safetensors(path_, file), std::invalid_argument);
+  EXPECT_EQ(bytes(), before);
+
+  EXPECT_THROW(write_safetensors(folder_ / "absent" / "file", sample()), InputError);
+  fs::create_directories(folder_ / "taken" / "inside");
+  EXPECT_THROW(write_safetensors(folder_ / "taken", sample()), std::runtime_error);  // the rename fails
+  const auto entries = std::distance(fs::directory_iterator(folder_), fs::directory_iterator());
+  EXPECT_EQ(entries, 2) << "a temporary file was left behind";
+}
+
+TEST_F(Safetensors, FromRefusesAWrongCount) {
+  EXPECT_THROW(Tensor::from<float>({2, 2}, {1.0f}), std::invalid_argument);
+  EXPECT_THROW(Tensor::from<float>({-1}, {1.0f}), std::invalid_argument);
+}
+
+TEST_F(Safetensors, ReadsEveryGoldenFile) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  int files = 0;
+  for (const auto& entry : fs::directory_iterator(golden::folder())) {
+    if (entry.path().extension() != ".safetensors") continue;
+    const SafetensorsFile file = read_safetensors(entry.path());
+    EXPECT_FALSE(file.tensors.empty()) << entry.path();
+    write_safetensors(path_, file);
+    const SafetensorsFile again = read_safetensors(path_);
+    EXPECT_EQ(again.metadata, file.metadata);
+    for (const auto& [name, tensor] : file.tensors) EXPECT_EQ(again.at(name).data, tensor.data) << name;
+    ++files;
+  }
+  EXPECT_GT(files, 0);
+}
+
+}  // namespace
+}  // namespace arah
