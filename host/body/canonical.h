@@ -19,7 +19,7 @@ struct CanonicalPose {
 };
 
 // Rigs with SMPL's leg names: each leg is turned outward rigidly about the front axis (z) at the hip, the left one towards
-// +x. From a T-pose (arms within 30° of horizontal) by exactly 45°, as the paper's star pose; from another rest until the
+// +x. From a T-pose (upper arms within 20° of the horizontal) by exactly 45°, as the paper's star pose; from another rest until the
 // thigh (hip → knee) stands 45° off the vertical; never inward. Other rigs: the rest pose.
 CanonicalPose make_canonical_pose(const Skeleton& skeleton);
 
