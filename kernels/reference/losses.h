@@ -1,0 +1,52 @@
+// The loss terms, unweighted, each with its gradient (ARAH.md section 7, golden 09). `rays` is N, the number of rays of
+// the step, by which the sums are divided whatever the number of points. At kinks the derivative of |x| and of a norm
+// is 0 at 0.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace arah::reference {
+
+using Rgb = std::array<double, 3>;
+
+struct ColorLoss {
+  double value = 0;
+  std::vector<Rgb> gradient;  // to rendered; 0 for rays that were not rendered
+};
+// Σ over rendered rays and channels |rendered − photograph| / N. All spans: [rays]; rendered_mask 0 = not rendered.
+ColorLoss color_loss(std::span<const Rgb> rendered, std::span<const Rgb> photograph,
+                     std::span<const std::uint8_t> rendered_mask, double rays);
+
+struct EikonalLoss {
+  double value = 0;
+  std::vector<std::array<double, 3>> gradient;
+};
+// Σ | |∇f| − 1 | / N over the points' sdf gradients, both per cube unit.
+EikonalLoss eikonal_loss(std::span<const std::array<double, 3>> sdf_gradients, double rays);
+
+struct ScalarLoss {
+  double value = 0;
+  std::vector<double> gradient;  // to the first argument
+};
+
+// Σ exp(−100 f) / N over points well outside the body; f in cube units. Not bounded for f < 0: infinite from −7.1 on
+// (in float32 from −0.88), where such a point has long been a failed training.
+ScalarLoss off_surface_loss(std::span<const double> sdf, double rays);
+
+// Σ sigmoid(5000 f) / N over points well inside the body; f in cube units.
+ScalarLoss inside_loss(std::span<const double> sdf, double rays);
+
+// Mean over the points of Σ_b |w_b − w_b^template|. Both spans: [points][bones].
+ScalarLoss skinning_loss(std::span<const double> weights, std::span<const double> template_weights, int bones);
+
+// |φ|₂ / n over all generated SIREN weights φ (biases excluded), n = their number.
+ScalarLoss parameter_loss(std::span<const double> parameters);
+
+// Binary cross entropy of the rays' accumulated weights a, clamped to [1e-3, 1 − 1e-3], and the mask m in [0, 1]:
+// −Σ (m ln a + (1 − m) ln(1 − a)) / N. The gradient is 0 where the clamp holds a back.
+ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const double> mask, double rays);
+
+}  // namespace arah::reference

@@ -1,0 +1,88 @@
+// Rays against the body's box, the nearest template vertex, and sphere tracing through it (ARAH.md section 4).
+// Metres throughout; directions are unit vectors; depths are along the direction from the camera centre.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <span>
+
+#include "kernels/reference/small_matrix.h"
+
+namespace arah::reference {
+
+struct RayInterval {
+  double near = 0, far = 0;  // metres, 0 <= near < far where hit
+  bool hit = false;
+};
+
+// Slab test of the ray origin + d·direction, d >= 0, with the box [minimum, maximum]. Direction components below 1e-5
+// in size count as ±1e-5 (a zero counts as +1e-5), so that a ray parallel to a face has finite depths. An origin inside
+// the box has near = 0. No hit: the box is behind, missed, touched in a point, flat along the ray, or an input is not
+// finite.
+RayInterval intersect_box(const Vector<3>& origin, const Vector<3>& direction, const Vector<3>& minimum,
+                          const Vector<3>& maximum);
+
+// Index of the vertex nearest to the point (Euclidean); of several equally near ones the lowest index. Every vertex is
+// compared: the truth for any accelerated search. `vertices` must not be empty; a point that is not finite gets index
+// 0.
+std::size_t nearest_vertex(const Vector<3>& point, std::span<const Vector<3>> vertices);
+
+// A posed template: the data of the approximate backward mapping.
+struct PosedTemplate {
+  std::span<const Vector<3>> vertices;         // posed, without the global translation
+  std::span<const double> skinning_weights;    // [vertices][bones]
+  std::span<const Matrix<4>> bone_transforms;  // canonical to posed, without the global translation
+};
+
+struct Correspondence {
+  Vector<3> canonical;     // NaN where the blended transform has no inverse
+  Matrix<4> transform;     // T = Σ_b w_b B_b
+  std::size_t vertex = 0;  // the nearest one
+};
+
+// x̂ = T⁻¹ x̄ with the skinning weights of the nearest posed vertex. `posed` is without the global translation.
+Correspondence template_correspondence(const Vector<3>& posed, const PosedTemplate& posed_template);
+
+struct TracingSettings {
+  int max_iterations = 50;
+  double max_step = 0.1;    // metres, in both directions
+  double tolerance = 1e-5;  // metres
+};
+
+struct TracedRay {
+  double depth = 0;         // after the last step
+  double sdf = 0;           // metres, at `canonical`
+  Vector<3> canonical{};    // of the last evaluated point: the start of the joint search
+  Matrix<4> transform{};    // likewise
+  int evaluations = 0;      // of the sdf
+  bool on_surface = false;  // |sdf| <= tolerance
+  bool diverged = false;    // depth >= far, or a value that is not finite
+};
+
+// Sphere tracing from the near side. Each of at most max_iterations steps maps origin + depth·direction to canonical
+// space with `correspondence` (Vector<3> posed -> Correspondence), evaluates `sdf` (Vector<3> canonical -> metres)
+// and, where |sdf| > tolerance, advances by the sdf clamped to ±max_step; steps back are allowed. A ray that neither
+// reached the surface nor diverged ran out of iterations and is still a start for the joint search.
+// `origin` is the camera centre minus the global translation.
+template <class CorrespondenceOf, class Sdf>
+TracedRay trace_sphere(const Vector<3>& origin, const Vector<3>& direction, double near, double far,
+                       CorrespondenceOf&& correspondence, Sdf&& sdf, const TracingSettings& settings = {}) {
+  TracedRay ray;
+  ray.depth = near;
+  while (ray.evaluations < settings.max_iterations && !ray.on_surface && !ray.diverged) {
+    Vector<3> posed;
+    for (int i = 0; i < 3; ++i) posed[i] = origin[i] + ray.depth * direction[i];
+    const Correspondence found = correspondence(posed);
+    ray.canonical = found.canonical;
+    ray.transform = found.transform;
+    ray.sdf = sdf(found.canonical);
+    ++ray.evaluations;
+    ray.on_surface = std::abs(ray.sdf) <= settings.tolerance;
+    if (!ray.on_surface) ray.depth += std::clamp(ray.sdf, -settings.max_step, settings.max_step);
+    ray.diverged = !(ray.depth < far);  // also where the depth is NaN
+  }
+  return ray;
+}
+
+}  // namespace arah::reference
