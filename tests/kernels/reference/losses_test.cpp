@@ -1,0 +1,135 @@
+#include "kernels/reference/losses.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "tests/golden.h"
+#include "tests/kernels/reference/numeric_gradient.h"
+
+namespace arah::reference {
+namespace {
+
+std::vector<Rgb> triples(const std::vector<double>& numbers) {
+  std::vector<Rgb> result(numbers.size() / 3);
+  for (std::size_t i = 0; i < numbers.size(); ++i) result[i / 3][i % 3] = numbers[i];
+  return result;
+}
+
+std::vector<double> flat(const std::vector<Rgb>& values) {
+  std::vector<double> result;
+  for (const Rgb& value : values) result.insert(result.end(), value.begin(), value.end());
+  return result;
+}
+
+std::vector<double> random_numbers(int count, double from, double to, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::uniform_real_distribution<double> uniform(from, to);
+  std::vector<double> numbers(count);
+  for (double& number : numbers) number = uniform(generator);
+  return numbers;
+}
+
+TEST(Losses, Golden09) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  const golden::Case truth("09_losses");
+  const auto rgb = triples(truth.values("in.rgb")), photograph = triples(truth.values("in.gt"));
+  const double rays = static_cast<double>(rgb.size());
+  const ColorLoss color = color_loss(rgb, photograph, truth.tensor("in.net_mask").as<std::uint8_t>(), rays);
+  const EikonalLoss eikonal = eikonal_loss(triples(truth.values("in.grad")), rays);
+  const ScalarLoss off = off_surface_loss(truth.values("in.off"), rays);
+  const ScalarLoss inside = inside_loss(truth.values("in.inside"), rays);
+  const ScalarLoss skinning = skinning_loss(truth.values("in.w"), truth.values("in.w_gt"), 24);
+  std::vector<double> parameters;
+  for (const char* name : {"in.p0", "in.p1", "in.p2"}) {
+    const auto part = truth.values(name);
+    parameters.insert(parameters.end(), part.begin(), part.end());
+  }
+  const ScalarLoss regulariser = parameter_loss(parameters);
+
+  golden::expect_golden(truth, "out.colour", color.value);
+  golden::expect_golden(truth, "out.eikonal", eikonal.value);
+  golden::expect_golden(truth, "out.off", off.value);
+  golden::expect_golden(truth, "out.inside", inside.value);
+  golden::expect_golden(truth, "out.skinning", skinning.value);
+  golden::expect_golden(truth, "out.params", regulariser.value);
+  golden::expect_golden(truth, "out.total",
+                        30 * color.value + 50 * eikonal.value + 100 * off.value + 10 * inside.value +
+                            10 * skinning.value + 100 * regulariser.value);
+  golden::expect_golden(truth, "grad.rgb", flat(color.gradient));
+  golden::expect_golden(truth, "grad.grad", flat(eikonal.gradient));
+  golden::expect_golden(truth, "grad.off", off.gradient);
+  golden::expect_golden(truth, "grad.inside", inside.gradient);
+  golden::expect_golden(truth, "grad.w", skinning.gradient);
+  auto begin = regulariser.gradient.begin();
+  for (const char* name : {"grad.p0", "grad.p1", "grad.p2"}) {
+    const auto end = begin + truth.tensor(name).count();
+    golden::expect_golden(truth, name, std::vector<double>(begin, end));
+    begin = end;
+  }
+}
+
+TEST(Losses, GradientsAgreeWithDifferences) {
+  const double rays = 13;  // N is not the number of points
+  std::vector<double> x = random_numbers(21, -1, 1, 1);
+  const std::vector<double> y = random_numbers(21, -1, 1, 2);
+  const std::vector<std::uint8_t> mask{1, 0, 1, 1, 0, 1, 1};
+  golden::expect_close("colour", flat(color_loss(triples(x), triples(y), mask, rays).gradient),
+                       numeric_gradient(x, [&] { return color_loss(triples(x), triples(y), mask, rays).value; }), 1e-9);
+  golden::expect_close("eikonal", flat(eikonal_loss(triples(x), rays).gradient),
+                       numeric_gradient(x, [&] { return eikonal_loss(triples(x), rays).value; }), 1e-9);
+  golden::expect_close("skinning", skinning_loss(x, y, 3).gradient,
+                       numeric_gradient(x, [&] { return skinning_loss(x, y, 3).value; }), 1e-9);
+  golden::expect_close("parameters", parameter_loss(x).gradient,
+                       numeric_gradient(x, [&] { return parameter_loss(x).value; }), 1e-9);
+  std::vector<double> outside = random_numbers(9, -0.01, 0.05, 3);
+  golden::expect_close("off-surface", off_surface_loss(outside, rays).gradient,
+                       numeric_gradient(
+                           outside, [&] { return off_surface_loss(outside, rays).value; }, 1e-7),
+                       1e-6);
+  std::vector<double> near_zero = random_numbers(9, -1e-3, 1e-3, 4);
+  golden::expect_close("inside", inside_loss(near_zero, rays).gradient,
+                       numeric_gradient(
+                           near_zero, [&] { return inside_loss(near_zero, rays).value; }, 1e-9),
+                       1e-4);
+  std::vector<double> sums = random_numbers(11, 0.01, 0.99, 5);
+  const std::vector<double> soft_mask = random_numbers(11, 0, 1, 6);
+  golden::expect_close("alpha", alpha_loss(sums, soft_mask, rays).gradient,
+                       numeric_gradient(
+                           sums, [&] { return alpha_loss(sums, soft_mask, rays).value; }, 1e-7),
+                       1e-7);
+}
+
+TEST(Losses, KinksAndEmptyInputsHaveNoGradient) {
+  const EikonalLoss eikonal = eikonal_loss(std::vector<Rgb>{{0, 0, 0}, {0, 1, 0}, {1e200, 0, 0}}, 4);
+  EXPECT_EQ(eikonal.gradient[0], (Rgb{0, 0, 0}));
+  EXPECT_EQ(eikonal.gradient[1], (Rgb{0, 0, 0}));
+  EXPECT_EQ(eikonal.gradient[2], (Rgb{0.25, 0, 0}));
+  EXPECT_EQ(parameter_loss(std::vector<double>(5, 0.0)).gradient, std::vector<double>(5, 0.0));
+  EXPECT_EQ(parameter_loss({}).value, 0);
+  EXPECT_EQ(color_loss({}, {}, {}, 2048).value, 0);
+  EXPECT_EQ(skinning_loss({}, {}, 24).value, 0);
+}
+
+TEST(Losses, SigmoidTermIsFiniteAtEveryDistance) {
+  const ScalarLoss loss = inside_loss(std::vector<double>{-1e6, -1, 0, 1, 1e6}, 1);
+  EXPECT_EQ(loss.value, 2.5);
+  EXPECT_EQ(loss.gradient, (std::vector<double>{0, 0, 1250, 0, 0}));
+}
+
+TEST(Losses, AlphaTermIsClampedAtBothEnds) {
+  // All-black and all-foreground masks on rays that are empty or full: the entropy stays at −ln 1e-3.
+  const ScalarLoss loss = alpha_loss(std::vector<double>{0, 1, 0, 1}, std::vector<double>{0, 0, 1, 1}, 1);
+  EXPECT_NEAR(loss.value, -2 * std::log(1e-3) - 2 * std::log(1 - 1e-3), 1e-12);
+  EXPECT_EQ(loss.gradient, std::vector<double>(4, 0.0));
+  // It pulls the right way in between.
+  const ScalarLoss pull = alpha_loss(std::vector<double>{0.5, 0.5}, std::vector<double>{0, 1}, 1);
+  EXPECT_EQ(pull.gradient, (std::vector<double>{2, -2}));
+}
+
+}  // namespace
+}  // namespace arah::reference
