@@ -19,8 +19,8 @@ struct CanonicalPose {
 };
 
 // Rigs with SMPL's leg names: each leg is turned outward rigidly about the front axis (z) at the hip, the left one towards
-// +x. From a T-pose (upper arms within 20° of the horizontal) by exactly 45°, as the paper's star pose; from another rest until the
-// thigh (hip → knee) stands 45° off the vertical; never inward. Other rigs: the rest pose.
+// +x. From a T-pose (upper arms within 20° of the horizontal) by exactly 45°, as the paper's star pose; from another rest
+// until the thigh (hip → knee) stands 45° off the vertical, never inward. Other rigs: the rest pose.
 CanonicalPose make_canonical_pose(const Skeleton& skeleton);
 
 // B_b = A_b V_b⁻¹: canonical → posed, without the root translation, [J].

@@ -1,0 +1,123 @@
+#include "host/body/body_template.h"
+#include "host/body/gltf.h"
+#include "host/file_writing.h"
+#include "host/input_error.h"
+
+#include <algorithm>
+#include <sstream>
+#include <stdexcept>
+
+namespace arah {
+namespace {
+
+// Appends an array as a buffer view and an accessor of their own; returns the accessor's index.
+template <typename T>
+int append(tinygltf::Model* model, const std::vector<T>& values, int target, int component_type, int type,
+           std::size_t elements) {
+  std::vector<unsigned char>& buffer = model->buffers[0].data;
+  buffer.resize((buffer.size() + 3) / 4 * 4);  // glTF: accessors are aligned to their component size
+  tinygltf::BufferView view;
+  view.buffer = 0;
+  view.byteOffset = buffer.size();
+  view.byteLength = values.size() * sizeof(T);
+  view.target = target;
+  const auto* bytes = reinterpret_cast<const unsigned char*>(values.data());
+  buffer.insert(buffer.end(), bytes, bytes + view.byteLength);
+  tinygltf::Accessor accessor;
+  accessor.bufferView = static_cast<int>(model->bufferViews.size());
+  accessor.componentType = component_type;
+  accessor.type = type;
+  accessor.count = elements;
+  model->bufferViews.push_back(view);
+  model->accessors.push_back(accessor);
+  return static_cast<int>(model->accessors.size()) - 1;
+}
+
+}  // namespace
+
+std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
+  const std::size_t count = body.vertices.size();
+  if (body.normals.size() != count || body.joints.size() != count || body.weights.size() != count || count == 0) {
+    throw std::invalid_argument("a template needs vertices, and a normal, joints and weights for each");
+  }
+  validate_skeleton(body.skeleton, "template");
+  tinygltf::Model model;
+  model.asset.version = "2.0";
+  model.asset.generator = "arah";
+  model.buffers.emplace_back();
+
+  tinygltf::Primitive primitive;
+  primitive.mode = TINYGLTF_MODE_TRIANGLES;
+  const int vertex_data = TINYGLTF_TARGET_ARRAY_BUFFER;
+  const int positions =
+      append(&model, body.vertices, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, count);
+  glm::vec3 least = body.vertices[0], greatest = body.vertices[0];
+  for (const glm::vec3& vertex : body.vertices) {
+    for (int k = 0; k < 3; ++k) {
+      least[k] = std::min(least[k], vertex[k]);
+      greatest[k] = std::max(greatest[k], vertex[k]);
+    }
+  }
+  model.accessors[static_cast<std::size_t>(positions)].minValues = {least.x, least.y, least.z};
+  model.accessors[static_cast<std::size_t>(positions)].maxValues = {greatest.x, greatest.y, greatest.z};
+  primitive.attributes["POSITION"] = positions;
+  primitive.attributes["NORMAL"] =
+      append(&model, body.normals, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, count);
+  primitive.attributes["JOINTS_0"] =
+      append(&model, body.joints, vertex_data, TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE, TINYGLTF_TYPE_VEC4, count);
+  primitive.attributes["WEIGHTS_0"] =
+      append(&model, body.weights, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC4, count);
+  primitive.indices = append(&model, body.triangles, TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER,
+                             TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, TINYGLTF_TYPE_SCALAR, 3 * body.triangles.size());
+  tinygltf::Mesh mesh;
+  mesh.name = "template";
+  mesh.primitives.push_back(primitive);
+  model.meshes.push_back(mesh);
+
+  const Skeleton& skeleton = body.skeleton;
+  tinygltf::Skin skin;
+  std::vector<glm::mat4> inverse_bind(skeleton.size(), glm::mat4(1.0f));
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    tinygltf::Node node;
+    node.name = skeleton.names[j];
+    glm::dvec3 offset = skeleton.rest_joints[j];
+    if (skeleton.parents[j] >= 0) {
+      const std::size_t parent = static_cast<std::size_t>(skeleton.parents[j]);
+      offset -= skeleton.rest_joints[parent];
+      model.nodes[parent].children.push_back(static_cast<int>(j));
+    }
+    node.translation = {offset.x, offset.y, offset.z};
+    model.nodes.push_back(node);
+    skin.joints.push_back(static_cast<int>(j));
+    inverse_bind[j][3] = glm::vec4(glm::vec3(-skeleton.rest_joints[j]), 1.0f);
+  }
+  skin.skeleton = 0;
+  skin.inverseBindMatrices =
+      append(&model, inverse_bind, 0, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_MAT4, skeleton.size());
+  model.skins.push_back(skin);
+
+  tinygltf::Node node;
+  node.name = "template";
+  node.mesh = 0;
+  node.skin = 0;
+  model.nodes.push_back(node);
+  tinygltf::Scene scene;
+  scene.nodes = {0, static_cast<int>(skeleton.size())};
+  model.scenes.push_back(scene);
+  model.defaultScene = 0;
+
+  std::ostringstream stream(std::ios::binary);
+  if (!tinygltf::TinyGLTF().WriteGltfSceneToStream(&model, stream, /*prettyPrint=*/false, /*writeBinary=*/true)) {
+    throw std::runtime_error("the template could not be written as glTF");
+  }
+  const std::string text = stream.str();
+  const std::span<const std::byte> bytes = std::as_bytes(std::span(text));
+  return {bytes.begin(), bytes.end()};
+}
+
+void write_body_template(const std::filesystem::path& path, const BodyTemplate& body_template) {
+  const std::vector<std::byte> bytes = body_template_glb(body_template);
+  write_file_safely(path, std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()));
+}
+
+}  // namespace arah
