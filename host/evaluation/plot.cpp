@@ -14,7 +14,7 @@ namespace {
 constexpr double kWidth = 720;
 constexpr double kHeight = 300;
 constexpr double kLeft = 64;
-constexpr double kRight = 16;
+constexpr double kRight = 30;
 constexpr double kTop = 34;
 constexpr double kBottom = 46;
 // The legend stands below the plot.

@@ -35,7 +35,10 @@ th{font-weight:600;color:var(--quiet)}
 .left{text-align:left}
 .fact{text-align:left;white-space:normal;overflow-wrap:anywhere}
 .shot,.plot{margin:0 0 16px}
-.plot svg{display:block;width:100%;height:auto}
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(520px,100%),1fr));gap:0 16px}
+.plot{overflow-x:auto}
+.plot svg{display:block;width:100%;min-width:460px;height:auto}
+.facts th{width:1%}
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(140px,1fr));gap:10px}
 figure{margin:0}
 figure img{display:block;width:100%;height:auto;border-radius:6px;background:#000;image-rendering:auto}
@@ -195,7 +198,7 @@ std::string pictures_section(const Report& report) {
   auto out = std::back_inserter(html);
   for (const ReportRow* row : rows) {
     fmt::format_to(out,
-                   "<section class=\"shot\"><h3>{} <span class=\"quiet\">{} · {} dB · SSIM {}</span></h3>\n<div "
+                   "<section class=\"shot\"><h3>{} <span class=\"quiet\">{} · PSNR {} dB · SSIM {}</span></h3>\n<div "
                    "class=\"pictures\">",
                    row_name(*row), escape_html(row->split), number(row->psnr, 2), number(row->ssim, 4));
     for (const ReportImage& image : row->images) {
@@ -235,7 +238,7 @@ std::string to_html(const Report& report) {
   if (!report.rows.empty()) html += summary_section(report);
   if (!report.definition.empty()) fmt::format_to(out, "<p class=\"quiet\">{}</p>\n", escape_html(report.definition));
   if (!report.facts.empty()) {
-    html += "<table>";
+    html += "<table class=\"facts\">";
     for (const auto& [name, value] : report.facts) {
       fmt::format_to(out, "<tr><th class=\"left\">{}</th><td class=\"fact\">{}</td></tr>\n", escape_html(name),
                      escape_html(value));
@@ -245,8 +248,9 @@ std::string to_html(const Report& report) {
 
   std::vector<Plot> plots = report.plots;
   if (!report.rows.empty()) plots.insert(plots.begin(), psnr_plot(report));
-  if (!plots.empty()) html += "<h2>Curves</h2>\n";
+  if (!plots.empty()) html += "<h2>Curves</h2>\n<div class=\"plots\">\n";
   for (const Plot& plot : plots) html += "<div class=\"plot\">" + to_svg(plot) + "</div>\n";
+  if (!plots.empty()) html += "</div>\n";
 
   const std::string pictures = pictures_section(report);
   if (!pictures.empty()) html += "<h2>Pictures, worst first</h2>\n" + pictures;
