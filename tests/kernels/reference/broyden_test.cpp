@@ -2,13 +2,16 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <random>
 #include <vector>
 
 #include "tests/golden.h"
-#include "tests/kernels/reference/golden_fields.h"
+#include "tests/kernels/reference/golden_networks.h"
+#include "tests/kernels/reference/matrix_rows.h"
 
 namespace arah::reference {
 namespace {
@@ -218,7 +221,7 @@ struct Agreement {
 TEST(FindRoot, Golden07Points) {
   ARAH_SKIP_WITHOUT_GOLDEN();
   const golden::Case truth("07_broyden_points"), lbs("03_lbs_net");
-  const SkinningNetwork network = golden_skinning_network(lbs);
+  const SkinningNetwork network = golden_skinning(lbs, lbs);
   const auto bones = truth.values("in.B"), x0 = truth.values("in.x0"), x_bar = truth.values("in.x_bar"),
              t0 = truth.values("in.T0"), roots = truth.values("out.x");
   std::vector<double> first_residuals, inverse_jacobians;
@@ -246,8 +249,12 @@ TEST(FindRoot, Golden07Points) {
 TEST(FindRoot, Golden07Joint) {
   ARAH_SKIP_WITHOUT_GOLDEN();
   const golden::Case truth("07_broyden_joint"), lbs("03_lbs_net"), sdf("04_siren_full_params");
-  const SkinningNetwork network = golden_skinning_network(lbs);
-  const Siren siren = golden_siren(sdf, true);
+  const SkinningNetwork network = golden_skinning(lbs, lbs);
+  Siren siren = golden_siren(sdf);
+  for (SirenLayer& layer : siren.layers) {  // this case has no modulation: γ = 1, η = 0
+    std::fill(layer.gamma.begin(), layer.gamma.end(), 1);
+    std::fill(layer.eta.begin(), layer.eta.end(), 0);
+  }
   const auto bones = truth.values("in.B"), x0 = truth.values("in.x0"), d0 = truth.values("in.d0"),
              directions = truth.values("in.dir"), t0 = truth.values("in.T0"), near_far = truth.values("in.near_far"),
              cam = truth.values("in.cam"), trans = truth.values("in.trans"), roots = truth.values("out.x"),

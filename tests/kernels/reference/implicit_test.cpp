@@ -8,28 +8,17 @@
 
 #include "kernels/reference/broyden.h"
 #include "tests/golden.h"
-#include "tests/kernels/reference/golden_fields.h"
-#include "tests/kernels/reference/numeric_gradient.h"
+#include "tests/kernels/reference/finite_differences.h"
+#include "tests/kernels/reference/golden_networks.h"
+#include "tests/kernels/reference/matrix_rows.h"
 
 namespace arah::reference {
 namespace {
 
-void expect_skinning_gradients(const golden::Case& truth, const DenseNetwork& gradients,
-                               const std::vector<double>& bone_gradients) {
-  for (std::size_t i = 0; i < gradients.layers.size(); ++i) {
-    const DenseLayer& layer = gradients.layers[i];
-    const std::string name = "grad.lbs." + std::to_string(i) + ".";
-    golden::expect_golden(truth, name + "v", transposed(layer.v, layer.inputs, layer.outputs));
-    golden::expect_golden(truth, name + "g", layer.g);
-    golden::expect_golden(truth, name + "b", layer.b);
-  }
-  golden::expect_golden(truth, "grad.B", bone_gradients);
-}
-
 TEST(ImplicitPoint, Golden11) {
   ARAH_SKIP_WITHOUT_GOLDEN();
   const golden::Case truth("11_implicit_points"), lbs("03_lbs_net");
-  const SkinningNetwork network = golden_skinning_network(lbs);
+  const SkinningNetwork network = golden_skinning(lbs, lbs);
   const auto bones = truth.values("in.B"), roots = truth.values("in.nstar"), upstream = truth.values("in.G");
   const std::size_t points = truth.extent("in.nstar", 0);
   std::vector<double> x, jacobians, posed;
@@ -49,14 +38,15 @@ TEST(ImplicitPoint, Golden11) {
   skinning_backward(network, bones, points, x, adjoint, &gradients, bone_gradients);
   golden::expect_golden(truth, "out.Jn", jacobians);
   golden::expect_golden(truth, "grad.x_bar", posed);
-  expect_skinning_gradients(truth, gradients, bone_gradients);
+  expect_golden_dense(truth, "lbs", gradients);
+  golden::expect_golden(truth, "grad.B", bone_gradients);
 }
 
 TEST(ImplicitJoint, Golden11) {
   ARAH_SKIP_WITHOUT_GOLDEN();
   const golden::Case truth("11_implicit_joint"), lbs("03_lbs_net");
-  const SkinningNetwork network = golden_skinning_network(lbs);
-  const Siren siren = golden_siren(truth, false);
+  const SkinningNetwork network = golden_skinning(lbs, lbs);
+  const Siren siren = golden_siren(truth);
   const auto bones = truth.values("in.B"), x = truth.values("in.xstar"), depths = truth.values("in.dstar"),
              directions = truth.values("in.dir"), cam = truth.values("in.cam"), trans = truth.values("in.trans"),
              upstream_x = truth.values("in.Gx"), upstream_d = truth.values("in.Gd");
@@ -101,7 +91,8 @@ TEST(ImplicitJoint, Golden11) {
   DenseNetwork gradients = network.layers.zeros();
   std::vector<double> bone_gradients(bones.size());
   skinning_backward(network, bones, points, x, skinning_adjoint, &gradients, bone_gradients);
-  expect_skinning_gradients(truth, gradients, bone_gradients);
+  expect_golden_dense(truth, "lbs", gradients);
+  golden::expect_golden(truth, "grad.B", bone_gradients);
   Siren sdf_gradients = siren.zeros();
   siren_backward(siren, points, n, sdf_adjoint, sdf_gradients);
   for (std::size_t i = 0; i < sdf_gradients.layers.size(); ++i) {
@@ -183,7 +174,7 @@ TEST(ImplicitPoint, AgreesWithSearchingAgain) {
   append<3>(analytic, gradient.posed);
   for (int c = 0; c < 3; ++c) analytic.push_back(depth * gradient.posed[c]);
   for (int c = 0; c < 3; ++c) analytic.push_back(-gradient.posed[c]);
-  golden::expect_close("point root", analytic, numeric_gradient(scene.p, loss), 1e-8);
+  expect_gradient("point root", loss, scene.p, analytic);
 }
 
 TEST(ImplicitJoint, AgreesWithSearchingAgain) {
@@ -197,7 +188,7 @@ TEST(ImplicitJoint, AgreesWithSearchingAgain) {
   append<3>(analytic, gradient.camera);
   append<3>(analytic, gradient.direction);
   append<3>(analytic, gradient.translation);
-  golden::expect_close("joint root", analytic, numeric_gradient(scene.p, loss), 1e-8);
+  expect_gradient("joint root", loss, scene.p, analytic);
 }
 
 TEST(Implicit, SingularJacobiansTeachNothing) {

@@ -5,11 +5,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <random>
 #include <vector>
 
 #include "tests/golden.h"
-#include "tests/kernels/reference/numeric_gradient.h"
+#include "tests/kernels/reference/finite_differences.h"
 
 namespace arah::reference {
 namespace {
@@ -26,11 +25,10 @@ std::vector<double> flat(const std::vector<Rgb>& values) {
   return result;
 }
 
-std::vector<double> random_numbers(int count, double from, double to, unsigned seed) {
-  std::mt19937 generator(seed);
-  std::uniform_real_distribution<double> uniform(from, to);
-  std::vector<double> numbers(count);
-  for (double& number : numbers) number = uniform(generator);
+// Numbers in [from, to).
+std::vector<double> random_numbers(std::size_t count, double from, double to, unsigned seed) {
+  std::vector<double> numbers = random_values(count, (to - from) / 2, seed);
+  for (double& number : numbers) number += (from + to) / 2;
   return numbers;
 }
 
@@ -78,30 +76,29 @@ TEST(Losses, GradientsAgreeWithDifferences) {
   std::vector<double> x = random_numbers(21, -1, 1, 1);
   const std::vector<double> y = random_numbers(21, -1, 1, 2);
   const std::vector<std::uint8_t> mask{1, 0, 1, 1, 0, 1, 1};
-  golden::expect_close("colour", flat(color_loss(triples(x), triples(y), mask, rays).gradient),
-                       numeric_gradient(x, [&] { return color_loss(triples(x), triples(y), mask, rays).value; }), 1e-9);
-  golden::expect_close("eikonal", flat(eikonal_loss(triples(x), rays).gradient),
-                       numeric_gradient(x, [&] { return eikonal_loss(triples(x), rays).value; }), 1e-9);
-  golden::expect_close("skinning", skinning_loss(x, y, 3).gradient,
-                       numeric_gradient(x, [&] { return skinning_loss(x, y, 3).value; }), 1e-9);
-  golden::expect_close("parameters", parameter_loss(x).gradient,
-                       numeric_gradient(x, [&] { return parameter_loss(x).value; }), 1e-9);
+  expect_gradient(
+      "colour", [&] { return color_loss(triples(x), triples(y), mask, rays).value; }, x,
+      flat(color_loss(triples(x), triples(y), mask, rays).gradient));
+  expect_gradient(
+      "eikonal", [&] { return eikonal_loss(triples(x), rays).value; }, x,
+      flat(eikonal_loss(triples(x), rays).gradient));
+  expect_gradient(
+      "skinning", [&] { return skinning_loss(x, y, 3).value; }, x, skinning_loss(x, y, 3).gradient);
+  expect_gradient(
+      "parameters", [&] { return parameter_loss(x).value; }, x, parameter_loss(x).gradient);
   std::vector<double> outside = random_numbers(9, -0.01, 0.05, 3);
-  golden::expect_close("off-surface", off_surface_loss(outside, rays).gradient,
-                       numeric_gradient(
-                           outside, [&] { return off_surface_loss(outside, rays).value; }, 1e-7),
-                       1e-6);
+  expect_gradient(
+      "off-surface", [&] { return off_surface_loss(outside, rays).value; }, outside,
+      off_surface_loss(outside, rays).gradient, 1e-5);
   std::vector<double> near_zero = random_numbers(9, -1e-3, 1e-3, 4);
-  golden::expect_close("inside", inside_loss(near_zero, rays).gradient,
-                       numeric_gradient(
-                           near_zero, [&] { return inside_loss(near_zero, rays).value; }, 1e-9),
-                       1e-4);
+  expect_gradient(
+      "inside", [&] { return inside_loss(near_zero, rays).value; }, near_zero, inside_loss(near_zero, rays).gradient,
+      2e-7);
   std::vector<double> sums = random_numbers(11, 0.01, 0.99, 5);
   const std::vector<double> soft_mask = random_numbers(11, 0, 1, 6);
-  golden::expect_close("alpha", alpha_loss(sums, soft_mask, rays).gradient,
-                       numeric_gradient(
-                           sums, [&] { return alpha_loss(sums, soft_mask, rays).value; }, 1e-7),
-                       1e-7);
+  expect_gradient(
+      "alpha", [&] { return alpha_loss(sums, soft_mask, rays).value; }, sums,
+      alpha_loss(sums, soft_mask, rays).gradient);
 }
 
 TEST(Losses, KinksAndEmptyInputsHaveNoGradient) {

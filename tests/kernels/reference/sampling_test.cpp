@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kernels/reference/random.h"
+#include "tests/golden.h"
 
 namespace arah::reference {
 namespace {
@@ -66,6 +67,23 @@ TEST(UniformSamples, EndsIncluded) {
   EXPECT_NEAR(samples.depths[1], 2 + 2.5 / 63, 1e-12);
   EXPECT_EQ(samples.surface, kNoSurfaceSample);
   EXPECT_EQ(uniform_samples(2, 3, 1).depths, std::vector<double>{2});
+}
+
+TEST(Samples, Golden12) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  const golden::Case truth("12_step");
+  const auto near_far = truth.values("in.near_far"), depths = truth.values("full.d"), z = truth.values("in.samples.z");
+  const auto hit = truth.integers("in.samples.hit");
+  std::vector<double> found, expected;
+  for (std::size_t i = 0; i < depths.size(); ++i) {
+    const double near = near_far[2 * i], far = near_far[2 * i + 1];
+    const RaySamples samples = hit[i] ? surface_samples(near, depths[i]) : uniform_samples(near, far);
+    for (std::size_t j = 0; j < samples.depths.size(); ++j) {  // a hit's further slots are unused
+      found.push_back(samples.depths[j]);
+      expected.push_back(z[64 * i + j]);
+    }
+  }
+  golden::expect_close("sample depths", found, expected, golden::double_limit(truth, "in.samples.z"));
 }
 
 TEST(Jitter, StaysBetweenMidpointsAndKeepsTheSurface) {

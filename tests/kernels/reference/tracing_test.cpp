@@ -7,6 +7,9 @@
 #include <numbers>
 #include <vector>
 
+#include "tests/golden.h"
+#include "tests/kernels/reference/matrix_rows.h"
+
 namespace arah::reference {
 namespace {
 
@@ -67,6 +70,22 @@ TEST(IntersectBox, DegenerateBoxesAndInputsNeverHit) {
   EXPECT_FALSE(intersect_box({-5, 0, 0}, {1, 0, 0}, {-inf, -inf, -inf}, {inf, inf, inf}).hit);
 }
 
+TEST(IntersectBox, Golden07And12) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  for (const char* name : {"07_broyden_joint", "12_step"}) {
+    const golden::Case truth(name);
+    const auto directions = truth.values("in.dir"), box = truth.values("in.box");
+    std::vector<double> near_far;
+    for (std::size_t i = 0; i < directions.size() / 3; ++i) {
+      const RayInterval interval =
+          intersect_box(row<3>(truth.values("in.cam"), 0), row<3>(directions, i), row<3>(box, 0), row<3>(box, 1));
+      EXPECT_TRUE(interval.hit);
+      near_far.insert(near_far.end(), {interval.near, interval.far});
+    }
+    golden::expect_golden(truth, "in.near_far", near_far);
+  }
+}
+
 TEST(NearestVertex, LowestIndexOfEquallyNearOnes) {
   const std::vector<Vector<3>> vertices{{9, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {1, 0, 0}};
   EXPECT_EQ(nearest_vertex({0, 0, 0}, vertices), 1u);
@@ -96,6 +115,34 @@ TEST(TemplateCorrespondence, BlendsTheNearestVertexWeights) {
     const Vector<3> back = transform_point(found.transform, found.canonical);
     for (int c = 0; c < 3; ++c) EXPECT_NEAR(back[c], queries[i][c], 1e-12);
   }
+}
+
+// Rays that reached the surface ended on an evaluated depth: the canonical point stored for it is that depth's.
+TEST(TemplateCorrespondence, Golden12) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  const golden::Case truth("12_step");
+  const auto vertices = truth.values("in.verts"), bones = truth.values("in.B"), cam = truth.values("in.cam"),
+             trans = truth.values("in.trans"), directions = truth.values("in.dir"),
+             depths = truth.values("full.sphere_d0"), starts = truth.values("full.sphere_x0");
+  const auto hit = truth.integers("in.samples.hit");
+  std::vector<Vector<3>> posed_vertices;
+  for (std::size_t i = 0; i < vertices.size() / 3; ++i) {
+    posed_vertices.push_back(row<3>(vertices, i));
+    for (int c = 0; c < 3; ++c) posed_vertices[i][c] -= trans[c];
+  }
+  std::vector<Matrix<4>> transforms;
+  for (std::size_t b = 0; b < bones.size() / 16; ++b) transforms.push_back(matrix<4>(bones, b));
+  const auto weights = truth.values("in.verts_w");
+  std::vector<double> found, expected;
+  for (std::size_t i = 0; i < depths.size(); ++i) {
+    if (!hit[i]) continue;
+    Vector<3> posed;
+    for (int c = 0; c < 3; ++c) posed[c] = cam[c] + depths[i] * directions[3 * i + c] - trans[c];
+    append<3>(found, template_correspondence(posed, {posed_vertices, weights, transforms}).canonical);
+    append<3>(expected, row<3>(starts, i));
+  }
+  ASSERT_FALSE(found.empty());
+  golden::expect_close("sphere tracing's canonical points", found, expected, 1e-10);
 }
 
 TEST(TemplateCorrespondence, OpposedRotationsHaveNoCanonicalPoint) {

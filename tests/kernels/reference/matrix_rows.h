@@ -1,0 +1,36 @@
+// Rows of flat arrays as the reference's small vectors and matrices, and back.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include "kernels/reference/small_matrix.h"
+
+namespace arah::reference {
+
+template <int D>
+Vector<D> row(const std::vector<double>& rows, std::size_t index) {
+  Vector<D> result;
+  std::copy_n(rows.begin() + static_cast<std::ptrdiff_t>(index * D), D, result.begin());
+  return result;
+}
+
+template <int D>
+Matrix<D> matrix(const std::vector<double>& matrices, std::size_t index = 0) {
+  Matrix<D> result;
+  for (int i = 0; i < D; ++i) result[i] = row<D>(matrices, index * D + i);
+  return result;
+}
+
+template <int D>
+void append(std::vector<double>& numbers, const Vector<D>& values) {
+  numbers.insert(numbers.end(), values.begin(), values.end());
+}
+
+template <int D>
+void append(std::vector<double>& numbers, const Matrix<D>& values) {
+  for (const auto& values_row : values) append<D>(numbers, values_row);
+}
+
+}  // namespace arah::reference
