@@ -1,15 +1,10 @@
 #include "host/avatar/safetensors.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <bit>
-#include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -21,6 +16,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "host/file_writing.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -190,60 +186,6 @@ void check_ranges(const std::string& file, std::vector<Entry>& entries, uint64_t
   }
 }
 
-// A file under construction: removed again unless keep() was reached.
-class TemporaryFile {
- public:
-  explicit TemporaryFile(const std::filesystem::path& target) {
-    static std::atomic<unsigned> serial{0};
-    name_ = target;
-    name_ += fmt::format(".{}-{}.tmp", getpid(), serial++);
-    descriptor_ = ::open(name_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (descriptor_ < 0) {
-      throw InputError(target.string(), "", "a folder that can be written to", std::strerror(errno),
-                       "Create the folder or choose another one.");
-    }
-  }
-  ~TemporaryFile() {
-    if (descriptor_ >= 0) ::close(descriptor_);
-    if (!name_.empty()) ::unlink(name_.c_str());
-  }
-  TemporaryFile(const TemporaryFile&) = delete;
-  TemporaryFile& operator=(const TemporaryFile&) = delete;
-
-  void write(const void* data, size_t size) {
-    const char* next = static_cast<const char*>(data);
-    while (size > 0) {
-      const ssize_t written = ::write(descriptor_, next, size);
-      if (written < 0 && errno == EINTR) continue;
-      if (written < 0) fail("write");
-      next += written;
-      size -= static_cast<size_t>(written);
-    }
-  }
-
-  // Flushes, closes, renames to `target`, and flushes the folder, so that the new name survives a power cut.
-  void keep(const std::filesystem::path& target) {
-    if (::fsync(descriptor_) != 0) fail("flush");
-    if (::close(std::exchange(descriptor_, -1)) != 0) fail("close");
-    if (::rename(name_.c_str(), target.c_str()) != 0) fail("rename");
-    name_.clear();
-    const std::filesystem::path folder = target.has_parent_path() ? target.parent_path() : ".";
-    const int folder_descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder_descriptor >= 0) {
-      ::fsync(folder_descriptor);  // some file systems have no such operation; the data itself is safe
-      ::close(folder_descriptor);
-    }
-  }
-
- private:
-  [[noreturn]] void fail(const char* what) const {
-    throw std::runtime_error(fmt::format("{}: cannot {}: {}. Free some space or choose another place.", name_.string(),
-                                         what, std::strerror(errno)));
-  }
-  std::filesystem::path name_;
-  int descriptor_ = -1;
-};
-
 }  // namespace
 
 int64_t Tensor::count() const {
@@ -405,12 +347,21 @@ void write_safetensors(const std::filesystem::path& path, const SafetensorsFile&
         fmt::format("{}: the header would have {} bytes, more than {}", path.string(), text.size(), kLargestHeader));
   }
 
-  TemporaryFile temporary(path);
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
+  if (std::error_code error; !std::filesystem::is_directory(folder, error)) {
+    throw InputError(path.string(), "", "an existing folder", folder.string(), "Create it or choose another one.");
+  }
   const uint64_t header_size = text.size();
-  temporary.write(&header_size, sizeof header_size);
-  temporary.write(text.data(), text.size());
-  for (const Item& item : items) temporary.write(item.tensor->data.data(), item.tensor->data.size());
-  temporary.keep(path);
+  std::vector<uint8_t> bytes(sizeof header_size + header_size + offset);
+  uint8_t* next = bytes.data();
+  const auto put = [&next](const void* data, size_t size) {
+    if (size > 0) std::memcpy(next, data, size);
+    next += size;
+  };
+  put(&header_size, sizeof header_size);
+  put(text.data(), text.size());
+  for (const Item& item : items) put(item.tensor->data.data(), item.tensor->data.size());
+  write_file_safely(path, std::span<const uint8_t>(bytes));
 }
 
 }  // namespace arah

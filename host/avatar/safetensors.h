@@ -58,11 +58,11 @@ struct SafetensorsFile {
 // the file and the field. Memory use is bounded by the size of the file.
 SafetensorsFile read_safetensors(const std::filesystem::path& path);
 
-// Writes to a temporary name in the same folder, flushes to the disk, then renames: a reader sees the old file or the
-// new one, never half of one. Larger element types come first and the header is padded, so that every tensor is
-// naturally aligned in the file. Throws InputError when the folder cannot be written to, std::runtime_error when the
-// disk refuses (the temporary file is removed and an existing file stays as it was), and std::invalid_argument when a
-// tensor's data and shape disagree, a dtype is unknown, or a name is reserved or no UTF-8.
+// Writes the whole file or nothing (host/file_writing.h): a reader sees the old file or the new one, never half of one.
+// Larger element types come first and the header is padded, so that every tensor is naturally aligned in the file.
+// Throws InputError when the folder does not exist, std::runtime_error when the disk refuses (an existing file stays as
+// it was), and std::invalid_argument when a tensor's data and shape disagree, a dtype is unknown, or a name is reserved
+// or no UTF-8. Needs as much memory again as the tensors take.
 void write_safetensors(const std::filesystem::path& path, const SafetensorsFile& file);
 
 }  // namespace arah

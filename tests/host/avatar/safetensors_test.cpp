@@ -2,8 +2,10 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -204,6 +206,26 @@ TEST_F(Safetensors, LeavesTheOldFileWhenWritingFails) {
   EXPECT_THROW(write_safetensors(folder_ / "taken", sample()), std::runtime_error);  // the rename fails
   const auto entries = std::distance(fs::directory_iterator(folder_), fs::directory_iterator());
   EXPECT_EQ(entries, 2) << "a temporary file was left behind";
+}
+
+// A limit on the size of files stands in for a full disk.
+TEST_F(Safetensors, LeavesTheOldFileWhenTheDiskIsFull) {
+  write_safetensors(path_, sample());
+  const std::string before = bytes();
+  SafetensorsFile large;
+  large.tensors["large"] = Tensor::from<float>({1 << 16}, std::vector<float>(1 << 16));
+  rlimit original{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &original), 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{1 << 12, original.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  EXPECT_THROW(write_safetensors(path_, large), std::runtime_error);
+  setrlimit(RLIMIT_FSIZE, &original);
+  std::signal(SIGXFSZ, handler);
+  EXPECT_EQ(bytes(), before);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()), 1);
+  write_safetensors(path_, large);
+  EXPECT_EQ(read_safetensors(path_).at("large").count(), 1 << 16);
 }
 
 TEST_F(Safetensors, FromRefusesAWrongCount) {
