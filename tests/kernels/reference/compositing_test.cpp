@@ -190,13 +190,14 @@ TEST(Compositing, GradientsAgreeWithDifferences) {
 }
 
 TEST(Compositing, ClippedSumPassesNoGradient) {
-  // Three opaque samples: Σw = 1 + 1e-7 + 1e-14 is clipped.
-  Ray ray{{-1, -1, -1}, {1, 2, 3}, {1, 1, 1}, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 1}, 1e-3};
+  // Three samples of optical depth near 20: Σw = 1 + 1e-7 or so is clipped, while every dσ is still alive.
+  Ray ray{{-1e-3, -1e-3, -1e-3}, {1, 2, 3}, {0.025, 0.025, 0.025}, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 1}, 1e-3};
   const Composite result = composite(ray.input());
   EXPECT_EQ(result.weights_sum, 1);
   const CompositingGradient gradient = composite_backward(ray.input(), result, {0, 0, 0}, 1);
   EXPECT_EQ(gradient.sdf, std::vector<double>(3, 0.0));
   EXPECT_EQ(gradient.b, 0);
+  EXPECT_NE(composite_backward(ray.input(), result, {1, 0, 0}, 0).sdf[0], 0);
 }
 
 TEST(Compositing, MaskedSamplesChangeNothing) {
