@@ -1,0 +1,45 @@
+// Y = epilogue(X W + b) for CPU devices: straight-line code, one invocation a point, one workgroup 64 points, one launch a
+// tile of TILE outputs. Reads K channels of X (texels), the packed weights of the tile (row 0 bias, then K rows of TILE
+// floats, by address: uniform and outside control flow, so each weight is one broadcast operand). Writes TILE channels.
+// Eight accumulators at a time fit the 16 vector registers of AVX2; the barriers cut the code into pieces of 512 products
+// (9 KB), each of which runs for all points of the workgroup from the instruction cache (docs/decisions/linear-on-cpu.md).
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+#extension GL_EXT_control_flow_attributes : require
+
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const int K = 64;     // multiple of 8
+layout(constant_id = 1) const int TILE = 16;  // 8 or 16
+layout(binding = 0, rgba32f) uniform readonly imageBuffer X;
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Weights { vec4 w[]; };
+#include "lib/epilogue.glsl"
+
+const int CHUNK = 64;       // channels of X held at a time
+const int QUADS = TILE / 4;
+
+void main() {
+  Weights packed_weights = Weights(weights);
+  const int point = int(gl_GlobalInvocationID.x);
+  const int x_base = point * int(x_stride) + int(x_column);
+  vec4 a[QUADS];
+  [[unroll]] for (int q = 0; q < QUADS; ++q) a[q] = MODE == MODE_TANGENT ? vec4(0) : packed_weights.w[q];  // a tangent has no bias
+  [[unroll]] for (int first = 0; first < K; first += CHUNK) {
+    const int channels = min(CHUNK, K - first);
+    vec4 x[CHUNK / 4];
+    [[unroll]] for (int k = 0; k < channels / 4; ++k) x[k] = imageLoad(X, x_base + first / 4 + k);
+    barrier();
+    [[unroll]] for (int pair = 0; pair < QUADS; pair += 2) {
+      [[unroll]] for (int k = 0; k < channels / 4; ++k)
+        [[unroll]] for (int c = 0; c < 4; ++c) {
+          const int row = QUADS + (first + 4 * k + c) * QUADS + pair;
+          a[pair] += x[k][c] * packed_weights.w[row];
+          a[pair + 1] += x[k][c] * packed_weights.w[row + 1];
+        }
+      barrier();
+    }
+  }
+  [[unroll]] for (int pair = 0; pair < QUADS; pair += 2) store_group(point, pair / 2, a[pair], a[pair + 1]);
+}
