@@ -2,6 +2,8 @@
 add_library(arah_compiler INTERFACE)
 target_compile_options(arah_compiler INTERFACE
   -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wold-style-cast -Wcast-align -Woverloaded-virtual
+  # Vulkan and launch structures are zero beyond the members that are named; that is what their {sType} form is for.
+  -Wno-missing-field-initializers
   # GCC 12 reports these inside libstdc++ and OpenCV headers at -O2; they are false positives there.
   -Wno-maybe-uninitialized -Wno-stringop-overflow)
 if(ARAH_WERROR)

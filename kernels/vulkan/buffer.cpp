@@ -36,6 +36,8 @@ uint32_t memory_type(const DeviceState& s, uint32_t allowed, BufferPlace place) 
 
 }  // namespace
 
+Buffer::Buffer() = default;
+
 Buffer::Buffer(Device& device, std::string name, uint64_t bytes, BufferPlace place)
     : device_(&device), name_(std::move(name)), bytes_((bytes + 255) / 256 * 256), views_(std::make_unique<Views>()) {
   DeviceState& s = device.state();

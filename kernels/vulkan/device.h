@@ -39,7 +39,7 @@ enum class BufferPlace { device, shared };
 
 class Buffer {
  public:
-  Buffer() = default;
+  Buffer();
   Buffer(Device& device, std::string name, uint64_t bytes, BufferPlace place);
   ~Buffer();
   Buffer(Buffer&& other) noexcept;
