@@ -1,37 +1,37 @@
-// The skinned body that an avatar starts from: a triangle mesh in its rest pose, a skeleton, and the weights between them.
+// The skinned body that an avatar starts from: a triangle mesh in its rest pose, a skeleton, and the weights between
+// them.
 #pragma once
-
-#include "host/body/skeleton.h"
-
-#include <glm/gtc/type_precision.hpp>
-#include <glm/vec3.hpp>
-#include <glm/vec4.hpp>
 
 #include <cstddef>
 #include <filesystem>
+#include <glm/gtc/type_precision.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
 #include <span>
 #include <string>
 #include <vector>
+
+#include "host/body/skeleton.h"
 
 namespace arah {
 
 struct BodyTemplate {
   Skeleton skeleton;
-  std::vector<glm::vec3> vertices;     // [V] rest pose, metres, +Y up, +Z forward
-  std::vector<glm::vec3> normals;      // [V] unit length, outward
-  std::vector<glm::uvec3> triangles;   // [T] vertex indices, counter-clockwise seen from outside
-  std::vector<glm::u8vec4> joints;     // [V] up to four joints of a vertex
-  std::vector<glm::vec4> weights;      // [V] their weights: >= 0, sum 1; 0 where a slot is unused
-  std::vector<std::byte> glb;          // the GLB file that this was read from, so that an avatar can carry it along
+  std::vector<glm::vec3> vertices;    // [V] rest pose, metres, +Y up, +Z forward
+  std::vector<glm::vec3> normals;     // [V] unit length, outward
+  std::vector<glm::uvec3> triangles;  // [T] vertex indices, counter-clockwise seen from outside
+  std::vector<glm::u8vec4> joints;    // [V] up to four joints of a vertex
+  std::vector<glm::vec4> weights;     // [V] their weights: >= 0, sum 1; 0 where a slot is unused
+  std::vector<std::byte> glb;         // the GLB file that this was read from, so that an avatar can carry it along
 };
 
 // Reads a skinned glTF 2.0 file, binary (.glb) or text (.gltf with its buffers). All triangle primitives that the first
-// skin moves are merged. The rest pose is the bind pose: joint positions are those of the inverse bind matrices' inverses,
-// whatever their rotation (the mesh's skinning needs positions only, because rest frames are world-aligned here). A common
-// transform between mesh and world (an armature's turn or scale) is applied to vertices and joints. Joints keep the skin's
-// order where parents already come before children. Normals that the file lacks are computed.
-// Throws InputError: not a glTF file, truncated, no skin, more than 64 joints, more than four influences, several roots,
-// indices out of range, numbers that are not finite, vertices without weight, compressed or sparse data.
+// skin moves are merged. The rest pose is the bind pose: joint positions are those of the inverse bind matrices'
+// inverses, whatever their rotation (the mesh's skinning needs positions only, because rest frames are world-aligned
+// here). A common transform between mesh and world (an armature's turn or scale) is applied to vertices and joints.
+// Joints keep the skin's order where parents already come before children. Normals that the file lacks are computed.
+// Throws InputError: not a glTF file, truncated, no skin, more than 64 joints, more than four influences, several
+// roots, indices out of range, numbers that are not finite, vertices without weight, compressed or sparse data.
 BodyTemplate read_body_template(const std::filesystem::path& path);
 
 // The same from the bytes of a GLB file; `where` names them in errors.

@@ -1,17 +1,16 @@
-#include "host/body/body_template.h"
-#include "host/body/gltf_accessor.h"
-#include "host/input_error.h"
-
+#include <algorithm>
+#include <cmath>
+#include <fstream>
 #include <glm/geometric.hpp>
 #include <glm/gtc/quaternion.hpp>
 #include <glm/mat4x4.hpp>
 #include <glm/matrix.hpp>
-
-#include <algorithm>
-#include <cmath>
-#include <fstream>
 #include <iterator>
 #include <limits>
+
+#include "host/body/body_template.h"
+#include "host/body/gltf_accessor.h"
+#include "host/input_error.h"
 
 namespace arah {
 namespace {
@@ -118,7 +117,8 @@ std::vector<glm::dmat4> inverse_bind_matrices(const tinygltf::Model& model, cons
 }
 
 // The transform from the mesh's space to the world at rest. Where the scene's nodes stand in the bind pose it is
-// node · inverse bind matrix, one matrix for all joints; otherwise the root joint's parent, the armature, places the body.
+// node · inverse bind matrix, one matrix for all joints; otherwise the root joint's parent, the armature, places the
+// body.
 glm::dmat4 mesh_to_world(const NodeTree& tree, const std::vector<std::size_t>& joint_nodes,
                          const std::vector<glm::dmat4>& inverse_bind, std::size_t root, const std::string& where) {
   glm::dmat4 result = tree.world(joint_nodes[root]) * inverse_bind[root];
@@ -137,7 +137,8 @@ glm::dmat4 mesh_to_world(const NodeTree& tree, const std::vector<std::size_t>& j
   const glm::dmat4 gram(glm::transpose(linear) * linear / squared);
   if (!(squared > 0.0) || !(difference(gram, glm::dmat4(1.0)) < 1e-3) || glm::determinant(linear) <= 0.0) {
     throw InputError(where, "armature", "turned, moved and evenly scaled",
-                     "a transform that shears, mirrors or scales unevenly", "Apply the armature's scale before export.");
+                     "a transform that shears, mirrors or scales unevenly",
+                     "Apply the armature's scale before export.");
   }
   return result;
 }
@@ -272,8 +273,8 @@ void read_primitive(const tinygltf::Model& model, const tinygltf::Primitive& pri
     for (std::size_t i = 0; i < stored.count(); ++i) {
       const double index = stored.value(i, 0);
       if (!(index >= 0.0 && index < static_cast<double>(positions.count()))) {
-        throw InputError(where, fmt::format("{} index {}", field, i), fmt::format("a vertex below {}", positions.count()),
-                         fmt::format("{}", index));
+        throw InputError(where, fmt::format("{} index {}", field, i),
+                         fmt::format("a vertex below {}", positions.count()), fmt::format("{}", index));
       }
       indices.push_back(static_cast<std::size_t>(index));
     }
@@ -359,7 +360,8 @@ tinygltf::Model parse(std::span<const std::byte> bytes, const std::string& where
                                           folder);
   if (!read) {
     std::replace(error.begin(), error.end(), '\n', ' ');
-    throw InputError(where, "", "a glTF 2.0 file", bytes.empty() ? "an empty one" : "one that cannot be read: " + error);
+    throw InputError(where, "", "a glTF 2.0 file",
+                     bytes.empty() ? "an empty one" : "one that cannot be read: " + error);
   }
   return model;
 }

@@ -1,11 +1,11 @@
+#include <algorithm>
+#include <sstream>
+#include <stdexcept>
+
 #include "host/body/body_template.h"
 #include "host/body/gltf.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
-
-#include <algorithm>
-#include <sstream>
-#include <stdexcept>
 
 namespace arah {
 namespace {

@@ -1,22 +1,21 @@
 #include "host/body/canonical.h"
 
-#include "host/input_error.h"
-
+#include <algorithm>
+#include <cmath>
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
 #include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>
 #include <glm/matrix.hpp>
-
-#include <algorithm>
-#include <cmath>
 #include <limits>
 #include <string>
+
+#include "host/input_error.h"
 
 namespace arah {
 namespace {
 
-const double kSpread = glm::quarter_pi<double>();       // 45°
+const double kSpread = glm::quarter_pi<double>();        // 45°
 const double kHorizontalTolerance = glm::radians(20.0);  // A-poses lower the arms by 30° and more
 
 const glm::dvec3& rest_joint(const Skeleton& skeleton, const std::string& name) {
@@ -35,9 +34,10 @@ bool rests_in_t_pose(const Skeleton& skeleton) {
   return true;
 }
 
-// The angle about z, outward positive, that brings the thigh to 45° off the downward vertical; 0 if it is there already.
-// Turning about z keeps the thigh's length l and its part ρ in the x–y plane, so the angle α in that plane at which the
-// thigh stands 45° off the vertical fulfils ρ cos α = l cos 45°. A thigh that points forward by more than 45° has none.
+// The angle about z, outward positive, that brings the thigh to 45° off the downward vertical; 0 if it is there
+// already. Turning about z keeps the thigh's length l and its part ρ in the x–y plane, so the angle α in that plane at
+// which the thigh stands 45° off the vertical fulfils ρ cos α = l cos 45°. A thigh that points forward by more than 45°
+// has none.
 double outward_angle(const glm::dvec3& thigh, double outward) {
   const double in_plane = std::hypot(thigh.x, thigh.y);
   const double wanted = glm::length(thigh) * std::cos(kSpread);
@@ -58,9 +58,8 @@ CanonicalPose make_canonical_pose(const Skeleton& skeleton) {
     const glm::dvec3 center = skeleton.rest_joints[static_cast<std::size_t>(hip)];
     const double angle = t_pose ? kSpread : outward_angle(rest_joint(skeleton, side + "_knee") - center, outward);
     // Every bone of the chain turns as one about the hip: V = T(J_hip) R T(−J_hip).
-    const glm::dmat4 turn =
-        glm::translate(glm::rotate(glm::translate(glm::dmat4(1.0), center), outward * angle, glm::dvec3(0.0, 0.0, 1.0)),
-                       -center);
+    const glm::dmat4 turn = glm::translate(
+        glm::rotate(glm::translate(glm::dmat4(1.0), center), outward * angle, glm::dvec3(0.0, 0.0, 1.0)), -center);
     const std::vector<bool> chain = chain_below(skeleton, hip);
     for (std::size_t j = 0; j < skeleton.size(); ++j) {
       if (chain[j]) canonical.rest_to_canonical[j] = turn;

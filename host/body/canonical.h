@@ -1,15 +1,14 @@
 // The canonical pose, in which the avatar's fields live, and the cube that it is normalised to (ARAH.md §1).
 #pragma once
 
+#include <glm/mat4x4.hpp>
+#include <glm/vec3.hpp>
+#include <span>
+#include <vector>
+
 #include "host/body/body_template.h"
 #include "host/body/pose.h"
 #include "host/body/skeleton.h"
-
-#include <glm/mat4x4.hpp>
-#include <glm/vec3.hpp>
-
-#include <span>
-#include <vector>
 
 namespace arah {
 
@@ -18,9 +17,9 @@ struct CanonicalPose {
   std::vector<glm::dmat4> rest_to_canonical;
 };
 
-// Rigs with SMPL's leg names: each leg is turned outward rigidly about the front axis (z) at the hip, the left one towards
-// +x. From a T-pose (upper arms within 20° of the horizontal) by exactly 45°, as the paper's star pose; from another rest
-// until the thigh (hip → knee) stands 45° off the vertical, never inward. Other rigs: the rest pose.
+// Rigs with SMPL's leg names: each leg is turned outward rigidly about the front axis (z) at the hip, the left one
+// towards +x. From a T-pose (upper arms within 20° of the horizontal) by exactly 45°, as the paper's star pose; from
+// another rest until the thigh (hip → knee) stands 45° off the vertical, never inward. Other rigs: the rest pose.
 CanonicalPose make_canonical_pose(const Skeleton& skeleton);
 
 // B_b = A_b V_b⁻¹: canonical → posed, without the root translation, [J].

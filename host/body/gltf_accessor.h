@@ -1,13 +1,13 @@
 // Reading glTF accessors without trusting them.
 #pragma once
 
-#include "host/body/gltf.h"
-#include "host/input_error.h"
-
 #include <cstdint>
 #include <cstring>
 #include <string>
 #include <vector>
+
+#include "host/body/gltf.h"
+#include "host/input_error.h"
 
 namespace arah {
 
@@ -63,14 +63,22 @@ class GltfAccessor {
   double value(std::size_t element, std::size_t component) const {
     const unsigned char* at = data_ + element * stride_ + component * component_size_;
     switch (component_type_) {
-      case TINYGLTF_COMPONENT_TYPE_BYTE: return scaled(load<std::int8_t>(at), 127.0);
-      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE: return scaled(load<std::uint8_t>(at), 255.0);
-      case TINYGLTF_COMPONENT_TYPE_SHORT: return scaled(load<std::int16_t>(at), 32767.0);
-      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT: return scaled(load<std::uint16_t>(at), 65535.0);
-      case TINYGLTF_COMPONENT_TYPE_INT: return static_cast<double>(load<std::int32_t>(at));
-      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT: return static_cast<double>(load<std::uint32_t>(at));
-      case TINYGLTF_COMPONENT_TYPE_FLOAT: return static_cast<double>(load<float>(at));
-      default: return load<double>(at);
+      case TINYGLTF_COMPONENT_TYPE_BYTE:
+        return scaled(load<std::int8_t>(at), 127.0);
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+        return scaled(load<std::uint8_t>(at), 255.0);
+      case TINYGLTF_COMPONENT_TYPE_SHORT:
+        return scaled(load<std::int16_t>(at), 32767.0);
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+        return scaled(load<std::uint16_t>(at), 65535.0);
+      case TINYGLTF_COMPONENT_TYPE_INT:
+        return static_cast<double>(load<std::int32_t>(at));
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+        return static_cast<double>(load<std::uint32_t>(at));
+      case TINYGLTF_COMPONENT_TYPE_FLOAT:
+        return static_cast<double>(load<float>(at));
+      default:
+        return load<double>(at);
     }
   }
 

@@ -1,15 +1,15 @@
-// Reading JSON files field by field, with errors that say where. For .cpp files only: the JSON library is slow to compile.
+// Reading JSON files field by field, with errors that say where. For .cpp files only: the JSON library is slow to
+// compile.
 #pragma once
-
-#include "host/input_error.h"
-
-#include <glm/vec3.hpp>
-#include <nlohmann/json.hpp>
 
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <glm/vec3.hpp>
+#include <nlohmann/json.hpp>
 #include <string>
+
+#include "host/input_error.h"
 
 namespace arah {
 

@@ -2,10 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
-
-#include <cmath>
 #include <stdexcept>
 
 namespace arah {
@@ -108,9 +107,8 @@ KinematicsGradient kinematics_gradient(const Skeleton& skeleton, const Canonical
       const std::size_t parent = static_cast<std::size_t>(skeleton.parents[j]);
       const glm::dmat3 parent_transposed = glm::transpose(glm::dmat3(frames[parent]));
       const glm::dvec3 offset = skeleton.rest_joints[j] - skeleton.rest_joints[parent];
-      frame_rotation[parent] +=
-          frame_rotation[j] * glm::transpose(rotation_from_axis_angle(pose.theta[j])) +
-          glm::outerProduct(frame_translation[j], offset);
+      frame_rotation[parent] += frame_rotation[j] * glm::transpose(rotation_from_axis_angle(pose.theta[j])) +
+                                glm::outerProduct(frame_translation[j], offset);
       frame_translation[parent] += frame_translation[j];
       rotation_gradient = parent_transposed * rotation_gradient;
       offset_gradient = parent_transposed * offset_gradient;

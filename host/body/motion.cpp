@@ -1,10 +1,10 @@
 #include "host/body/motion.h"
 
-#include "host/body/json_fields.h"
-#include "host/file_writing.h"
-
 #include <limits>
 #include <set>
+
+#include "host/body/json_fields.h"
+#include "host/file_writing.h"
 
 namespace arah {
 namespace {
@@ -17,7 +17,8 @@ Skeleton read_skeleton(const nlohmann::json& file, const std::string& where) {
   Skeleton skeleton;
   for (std::size_t j = 0; j < names.size(); ++j) {
     skeleton.names.push_back(json_text(names[j], where, fmt::format("joint_names[{}]", j)));
-    skeleton.parents.push_back(json_integer(parents[j], -1, static_cast<int>(count), where, fmt::format("parents[{}]", j)));
+    skeleton.parents.push_back(
+        json_integer(parents[j], -1, static_cast<int>(count), where, fmt::format("parents[{}]", j)));
     skeleton.rest_joints.push_back(json_vector(rest[j], where, fmt::format("joint_rest[{}]", j)));
   }
   validate_skeleton(skeleton, where);

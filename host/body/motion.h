@@ -1,14 +1,13 @@
 // A sequence of poses for a skeleton, and its native file, motion_<split>.json.
 #pragma once
 
-#include "host/body/pose.h"
-#include "host/body/skeleton.h"
-
-#include <glm/vec3.hpp>
-
 #include <filesystem>
+#include <glm/vec3.hpp>
 #include <string>
 #include <vector>
+
+#include "host/body/pose.h"
+#include "host/body/skeleton.h"
 
 namespace arah {
 
@@ -24,10 +23,10 @@ struct Motion {
   std::vector<MotionFrame> frames;
 };
 
-// Reads the native JSON: `joint_names`, `parents`, `joint_rest` (metres) and `frames`, each with `frame` (number), `theta`
-// [J][3] axis-angles and `root_position` (or `trans` = root_position − joint_rest[0]); `split` and `source` are optional.
-// Throws InputError naming file, frame and field: missing or truncated file, missing fields, numbers that are not finite,
-// a wrong count of rotations, frames given twice, no frames, shape coefficients (`betas`) other than 0.
+// Reads the native JSON: `joint_names`, `parents`, `joint_rest` (metres) and `frames`, each with `frame` (number),
+// `theta` [J][3] axis-angles and `root_position` (or `trans` = root_position − joint_rest[0]); `split` and `source` are
+// optional. Throws InputError naming file, frame and field: missing or truncated file, missing fields, numbers that are
+// not finite, a wrong count of rotations, frames given twice, no frames, shape coefficients (`betas`) other than 0.
 Motion read_motion(const std::filesystem::path& path);
 
 // Writes the same format, with `trans` beside `root_position`. Doubles are written so that they read back exactly.
@@ -35,8 +34,8 @@ Motion read_motion(const std::filesystem::path& path);
 void write_motion(const std::filesystem::path& path, const Motion& motion);
 
 // The motion with its rotations in the order of `skeleton`, matched by joint name; joints that the motion does not have
-// rest (zero rotation). Root positions are kept. Throws InputError naming `where` and the joint if the motion has a joint
-// that the skeleton lacks, or the same joint under another parent.
+// rest (zero rotation). Root positions are kept. Throws InputError naming `where` and the joint if the motion has a
+// joint that the skeleton lacks, or the same joint under another parent.
 Motion adapt_motion(const Motion& motion, const Skeleton& skeleton, const std::string& where);
 
 // The frame with this number, or nullptr.

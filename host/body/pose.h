@@ -1,14 +1,13 @@
 // A pose and forward kinematics. All matrices act on column vectors; angles are radians, lengths metres.
 #pragma once
 
-#include "host/body/body_template.h"
-#include "host/body/skeleton.h"
-
 #include <glm/mat3x3.hpp>
 #include <glm/mat4x4.hpp>
 #include <glm/vec3.hpp>
-
 #include <vector>
+
+#include "host/body/body_template.h"
+#include "host/body/skeleton.h"
 
 namespace arah {
 

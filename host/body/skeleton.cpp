@@ -1,9 +1,9 @@
 #include "host/body/skeleton.h"
 
-#include "host/input_error.h"
-
 #include <cmath>
 #include <set>
+
+#include "host/input_error.h"
 
 namespace arah {
 

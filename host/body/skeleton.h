@@ -1,9 +1,8 @@
 // The tree of joints that moves a body: names, parents and rest positions.
 #pragma once
 
-#include <glm/vec3.hpp>
-
 #include <cstddef>
+#include <glm/vec3.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -14,8 +13,8 @@ namespace arah {
 inline constexpr std::size_t kMaxJoints = 64;
 
 // Joint j hangs from parents[j]; the root is joint 0 with parent -1, and parents[j] < j for all others.
-// rest_joints: positions in the rest pose, metres, +Y up, +Z forward. Rest frames are world-aligned (identity rotation), as
-// in SMPL, so a pose's rotations are about the world's axes at rest.
+// rest_joints: positions in the rest pose, metres, +Y up, +Z forward. Rest frames are world-aligned (identity
+// rotation), as in SMPL, so a pose's rotations are about the world's axes at rest.
 struct Skeleton {
   std::vector<std::string> names;
   std::vector<int> parents;
@@ -24,8 +23,8 @@ struct Skeleton {
   std::size_t size() const { return parents.size(); }
 };
 
-// Throws InputError, naming `where` (a file), unless there are 1..64 joints, the three lists are equally long, names are
-// non-empty and distinct, the root comes first, parents come before children and all positions are finite.
+// Throws InputError, naming `where` (a file), unless there are 1..64 joints, the three lists are equally long, names
+// are non-empty and distinct, the root comes first, parents come before children and all positions are finite.
 void validate_skeleton(const Skeleton& skeleton, const std::string& where);
 
 // Index of the joint called `name`, or -1.

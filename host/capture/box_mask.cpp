@@ -1,19 +1,19 @@
 // The image region of a body's bounding box.
-#include "host/capture/capture.h"
-
-#include <opencv2/imgproc.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "host/capture/capture.h"
 
 namespace arah {
 namespace {
 
-constexpr double kNear = 1e-4;        // metres in front of the camera at which faces are cut
+constexpr double kNear = 1e-4;         // metres in front of the camera at which faces are cut
 constexpr double kFarPixel = 1 << 20;  // coordinates beyond this are outside any picture (and would overflow the fill)
 
-// The part of a convex polygon, in camera coordinates, that lies in front of the camera (Sutherland–Hodgman, one plane).
+// The part of a convex polygon, in camera coordinates, that lies in front of the camera (Sutherland–Hodgman, one
+// plane).
 std::vector<glm::dvec3> in_front(const std::array<glm::dvec3, 4>& face) {
   std::vector<glm::dvec3> kept;
   for (std::size_t i = 0; i < face.size(); ++i) {

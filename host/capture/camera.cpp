@@ -1,15 +1,14 @@
 #include "host/capture/camera.h"
 
-#include "host/body/json_fields.h"
-#include "host/file_writing.h"
-
-#include <glm/geometric.hpp>
-#include <glm/matrix.hpp>
-
 #include <algorithm>
 #include <cmath>
+#include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
 #include <set>
 #include <stdexcept>
+
+#include "host/body/json_fields.h"
+#include "host/file_writing.h"
 
 namespace arah {
 namespace {
@@ -43,7 +42,8 @@ void check_rotation(const glm::dmat3& rotation, const std::string& where, const 
   }
   const double determinant = glm::determinant(rotation);
   if (!(determinant > 0.0)) {
-    throw InputError(where, field, "a rotation (determinant +1)", fmt::format("a mirror (determinant {:.3g})", determinant),
+    throw InputError(where, field, "a rotation (determinant +1)",
+                     fmt::format("a mirror (determinant {:.3g})", determinant),
                      "Camera axes are x right, y down, z forward.");
   }
 }
@@ -68,8 +68,9 @@ Camera read_camera(const nlohmann::json& entry, const std::string& where, std::s
   }
   const std::string field = fmt::format("camera '{}'", camera.name);
   if (entry.contains("role")) camera.role = json_text(entry["role"], where, field + " role");
+  if (camera.role == "heldout") camera.role = "test";
   if (camera.role != "train" && camera.role != "test") {
-    throw InputError(where, field + " role", "'train' or 'test'", "'" + camera.role + "'");
+    throw InputError(where, field + " role", "'train', 'test' or 'heldout'", "'" + camera.role + "'");
   }
   camera.width = json_integer(json_member(entry, "width", where, field), 1, kLargestSize, where, field + " width");
   camera.height = json_integer(json_member(entry, "height", where, field), 1, kLargestSize, where, field + " height");

@@ -1,8 +1,8 @@
 #include "host/capture/capture.h"
 
-#include "host/input_error.h"
-
 #include <algorithm>
+
+#include "host/input_error.h"
 
 namespace arah {
 namespace {
@@ -31,7 +31,8 @@ Capture open_capture(const std::filesystem::path& path) {
     Motion motion = adapt_motion(read_motion(entry.path()), capture.body_template.skeleton, entry.path().string());
     if (motion.split.empty()) motion.split = split;
     if (motion.split != split) {
-      throw InputError(entry.path().string(), "split", "'" + split + "', as in the file's name", "'" + motion.split + "'");
+      throw InputError(entry.path().string(), "split", "'" + split + "', as in the file's name",
+                       "'" + motion.split + "'");
     }
     capture.motions.emplace(split, std::move(motion));
   }

@@ -2,18 +2,17 @@
 //   cameras.json  template.glb  motion_<split>.json  images/<split>/<camera>/<frame:06d>.png
 #pragma once
 
-#include "host/body/body_template.h"
-#include "host/body/motion.h"
-#include "host/capture/camera.h"
-
-#include <glm/vec3.hpp>
-
 #include <cstdint>
 #include <filesystem>
+#include <glm/vec3.hpp>
 #include <map>
 #include <span>
 #include <string>
 #include <vector>
+
+#include "host/body/body_template.h"
+#include "host/body/motion.h"
+#include "host/capture/camera.h"
 
 namespace arah {
 
@@ -53,17 +52,17 @@ std::filesystem::path image_path(const Capture& capture, const std::string& spli
 std::vector<int> frames_with_images(const Capture& capture, const std::string& split, std::size_t camera);
 
 // The picture `width` columns wide (0: as stored), undistorted, premultiplied, then averaged over areas. It matches
-// capture.cameras[camera].scaled(width). Throws InputError naming the file: missing, truncated, no alpha channel, not the
-// camera's size, or narrower than `width`.
+// capture.cameras[camera].scaled(width). Throws InputError naming the file: missing, truncated, no alpha channel, not
+// the camera's size, or narrower than `width`.
 Image load_image(const Capture& capture, const std::string& split, std::size_t camera, int frame, int width = 0);
 
-// The mean of `image` over areas, `width` columns wide and as high as Camera::scaled() says; whole pixels where the factor
-// is an integer. Throws std::invalid_argument unless 1 <= width <= image.width.
+// The mean of `image` over areas, `width` columns wide and as high as Camera::scaled() says; whole pixels where the
+// factor is an integer. Throws std::invalid_argument unless 1 <= width <= image.width.
 Image reduced(const Image& image, int width);
 
-// The region in which a body is looked for and measured (ARAH.md §4): the filled union of the six projected faces, corners
-// rounded to pixels, of the vertices' axis-aligned world box grown by `margin` metres on all sides. Parts of the box behind
-// the camera are cut away; an empty mask means that nothing is in view.
+// The region in which a body is looked for and measured (ARAH.md §4): the filled union of the six projected faces,
+// corners rounded to pixels, of the vertices' axis-aligned world box grown by `margin` metres on all sides. Parts of
+// the box behind the camera are cut away; an empty mask means that nothing is in view.
 PixelMask projected_box_mask(const Camera& camera, std::span<const glm::vec3> vertices, double margin = 0.05);
 
 }  // namespace arah

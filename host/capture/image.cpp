@@ -1,13 +1,12 @@
 // The pictures of a capture: decoding, undistortion, premultiplication, reduction.
-#include "host/capture/capture.h"
-#include "host/input_error.h"
-
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
-
 #include <fstream>
 #include <iterator>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <stdexcept>
+
+#include "host/capture/capture.h"
+#include "host/input_error.h"
 
 namespace arah {
 namespace {
@@ -105,8 +104,8 @@ Image reduced(const Image& image, int width) {
   size.width = image.width;
   size.height = image.height;
   size = size.scaled(width);
-  Image result{size.width, size.height, std::vector<float>(4 * static_cast<std::size_t>(size.width) *
-                                                           static_cast<std::size_t>(size.height))};
+  Image result{size.width, size.height,
+               std::vector<float>(4 * static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height))};
   const cv::Mat from(image.height, image.width, CV_32FC4, const_cast<float*>(image.rgba.data()));
   cv::Mat to(result.height, result.width, CV_32FC4, result.rgba.data());
   cv::resize(from, to, to.size(), 0.0, 0.0, cv::INTER_AREA);

@@ -1,22 +1,21 @@
 #include "host/capture/inspect.h"
 
-#include "host/body/canonical.h"
-#include "host/input_error.h"
-
-#include <glm/geometric.hpp>
-#include <glm/gtc/constants.hpp>
-
 #include <algorithm>
 #include <cmath>
+#include <glm/geometric.hpp>
+#include <glm/gtc/constants.hpp>
 #include <iterator>
 #include <map>
 #include <set>
 
+#include "host/body/canonical.h"
+#include "host/input_error.h"
+
 namespace arah {
 namespace {
 
-constexpr int kWidth = 512;          // columns at which coverage is measured: the mask grows by 3 of these pixels
-constexpr int kGrowth = 3;           // pixels
+constexpr int kWidth = 512;  // columns at which coverage is measured: the mask grows by 3 of these pixels
+constexpr int kGrowth = 3;   // pixels
 constexpr double kLowCoverage = 0.98;
 
 template <typename... Args>
@@ -81,7 +80,8 @@ double coverage(const Camera& camera, const Image& image, const std::vector<glm:
 }
 
 // The pictures of one split from one camera: how many, which are missing, and how well the body fits the masks.
-void inspect_view(const Capture& capture, const std::string& split, std::size_t camera, int images, std::string* report) {
+void inspect_view(const Capture& capture, const std::string& split, std::size_t camera, int images,
+                  std::string* report) {
   const Motion& motion = capture.motions.at(split);
   const std::string& name = capture.cameras[camera].name;
   const std::vector<int> frames = frames_with_images(capture, split, camera);
@@ -106,8 +106,7 @@ void inspect_view(const Capture& capture, const std::string& split, std::size_t 
     bool any = false;
     for (std::size_t p = 3; !any && p < image.rgba.size(); p += 4) any = image.rgba[p] >= 0.5f;
     if (!any) empty.push_back(frame);
-    const double share =
-        coverage(view, image, posed_vertices(capture.body_template, find_frame(motion, frame)->pose));
+    const double share = coverage(view, image, posed_vertices(capture.body_template, find_frame(motion, frame)->pose));
     if (share < 0.0) {
       out_of_view.push_back(frame);
       continue;
@@ -119,14 +118,16 @@ void inspect_view(const Capture& capture, const std::string& split, std::size_t 
       least_frame = frame;
     }
   }
-  std::string text = fmt::format("  {} {}: {} of {} frames have pictures", split, name, frames.size(), motion.frames.size());
+  std::string text =
+      fmt::format("  {} {}: {} of {} frames have pictures", split, name, frames.size(), motion.frames.size());
   if (measured > 0) {
     text += fmt::format("; template inside the mask: mean {:.2f} %, least {:.2f} % (frame {}), {} measured",
                         100.0 * sum / measured, 100.0 * least, least_frame, measured);
   }
   line(report, "{}", text);
   if (measured > 0 && sum / measured < kLowCoverage) {
-    line(report, "warning: {} {}: only {:.1f} % of the template falls into the masks: calibration, poses or masks are off",
+    line(report,
+         "warning: {} {}: only {:.1f} % of the template falls into the masks: calibration, poses or masks are off",
          split, name, 100.0 * sum / measured);
   }
   if (!empty.empty()) line(report, "warning: {} {}: empty masks in frames {}", split, name, ranges(empty));
@@ -190,8 +191,8 @@ std::string inspect_motion(const Motion& motion) {
     greatest = glm::max(greatest, frame.pose.root_position);
     for (const glm::dvec3& theta : frame.pose.theta) largest = std::max(largest, glm::length(theta));
   }
-  line(&report, "  root moves through {:.2f} x {:.2f} x {:.2f} m; largest rotation {:.0f} degrees", greatest.x - least.x,
-       greatest.y - least.y, greatest.z - least.z, glm::degrees(largest));
+  line(&report, "  root moves through {:.2f} x {:.2f} x {:.2f} m; largest rotation {:.0f} degrees",
+       greatest.x - least.x, greatest.y - least.y, greatest.z - least.z, glm::degrees(largest));
   if (largest > 2.0 * glm::pi<double>() + 1e-6) {
     line(&report, "warning: a rotation of {:.0f} degrees: are the angles radians?", glm::degrees(largest));
   }

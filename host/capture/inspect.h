@@ -1,25 +1,26 @@
 // What a capture, a motion or a template holds, and what looks wrong with it, in words.
 #pragma once
 
+#include <filesystem>
+#include <string>
+
 #include "host/body/body_template.h"
 #include "host/body/motion.h"
 #include "host/capture/capture.h"
 
-#include <filesystem>
-#include <string>
-
 namespace arah {
 
-// The report on PATH: a capture (a folder), a motion (.json), cameras (cameras.json) or a template (.glb, .gltf). Lines that
-// begin with "warning:" say what looks wrong. Throws InputError if the path is none of these or cannot be read at all.
+// The report on PATH: a capture (a folder), a motion (.json), cameras (cameras.json) or a template (.glb, .gltf). Lines
+// that begin with "warning:" say what looks wrong. Throws InputError if the path is none of these or cannot be read at
+// all.
 std::string inspect(const std::filesystem::path& path);
 
 std::string inspect_template(const BodyTemplate& body_template);
 std::string inspect_motion(const Motion& motion);
 
-// Reads pictures: of each split and camera up to `images_per_camera`, evenly spread, reduced to at most 512 columns. States
-// per camera the share of projected template vertices that lie inside the mask grown by 3 pixels (clothes lie outside the
-// body, so a right calibration gives close to 100 %).
+// Reads pictures: of each split and camera up to `images_per_camera`, evenly spread, reduced to at most 512 columns.
+// States per camera the share of projected template vertices that lie inside the mask grown by 3 pixels (clothes lie
+// outside the body, so a right calibration gives close to 100 %).
 std::string inspect_capture(const Capture& capture, int images_per_camera = 6);
 
 }  // namespace arah

@@ -1,9 +1,6 @@
 // Small rigs and files for the tests of the body.
 #pragma once
 
-#include "host/body/body_template.h"
-#include "host/input_error.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -11,6 +8,9 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+
+#include "host/body/body_template.h"
+#include "host/input_error.h"
 
 namespace arah {
 
@@ -69,7 +69,8 @@ inline BodyTemplate tetrahedron(int joints) {
   body.triangles = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
   const auto last = static_cast<glm::u8>(joints - 1);
   body.joints = {{0, 0, 0, 0}, {last, 0, 0, 0}, {0, last, 0, 0}, {last, 0, 0, 0}};
-  body.weights = {{1.0f, 0.0f, 0.0f, 0.0f}, {0.75f, 0.25f, 0.0f, 0.0f}, {0.5f, 0.5f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}};
+  body.weights = {
+      {1.0f, 0.0f, 0.0f, 0.0f}, {0.75f, 0.25f, 0.0f, 0.0f}, {0.5f, 0.5f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}};
   return body;
 }
 

@@ -1,12 +1,11 @@
-#include "host/body/body_template.h"
-#include "host/body/canonical.h"
-#include "tests/host/body/rigs.h"
-
+#include <cstring>
+#include <functional>
 #include <glm/geometric.hpp>
 #include <nlohmann/json.hpp>
 
-#include <cstring>
-#include <functional>
+#include "host/body/body_template.h"
+#include "host/body/canonical.h"
+#include "tests/host/body/rigs.h"
 
 namespace arah {
 namespace {
@@ -49,7 +48,8 @@ struct Parts {
     return "glTF" + word(2) + word(12 + chunks.size()) + chunks;
   }
   // Replaces the accessor of a vertex attribute by floats.
-  void set_floats(const std::string& attribute, const std::vector<float>& values, const std::string& type, std::size_t n) {
+  void set_floats(const std::string& attribute, const std::vector<float>& values, const std::string& type,
+                  std::size_t n) {
     buffer = padded(buffer, '\0');
     head["bufferViews"].push_back({{"buffer", 0}, {"byteOffset", buffer.size()}, {"byteLength", 4 * values.size()}});
     buffer.append(reinterpret_cast<const char*>(values.data()), 4 * values.size());
@@ -111,7 +111,9 @@ TEST(BodyTemplate, AppliesTheArmaturesTurnAndScale) {
   // An armature node in centimetres that lies on its back, as many exporters write it.
   Parts parts(tetrahedron(3));
   const std::size_t armature = parts.head["nodes"].size();
-  parts.head["nodes"].push_back({{"name", "Armature"}, {"children", {0}}, {"scale", {0.01, 0.01, 0.01}},
+  parts.head["nodes"].push_back({{"name", "Armature"},
+                                 {"children", {0}},
+                                 {"scale", {0.01, 0.01, 0.01}},
                                  {"rotation", {-std::sqrt(0.5), 0.0, 0.0, std::sqrt(0.5)}}});
   parts.head["scenes"][0]["nodes"] = {armature, 3};
   const BodyTemplate plain = tetrahedron(3), body = read(parts);
@@ -167,7 +169,8 @@ TEST(BodyTemplate, RefusesWhatItCannotTrust) {
       {[](Parts* p) { p->primitive()["attributes"].erase("JOINTS_0"); }, {"JOINTS_0"}},
       {[](Parts* p) { p->primitive()["attributes"]["JOINTS_1"] = 2; }, {"four"}},
       {[](Parts* p) { p->primitive()["mode"] = 5; }, {"triangles", "mode 5"}},
-      {[](Parts* p) { p->set_floats("WEIGHTS_0", std::vector<float>(16, 0.0f), "VEC4", 4); }, {"vertex 0", "no weight"}},
+      {[](Parts* p) { p->set_floats("WEIGHTS_0", std::vector<float>(16, 0.0f), "VEC4", 4); },
+       {"vertex 0", "no weight"}},
       {[](Parts* p) { p->set_floats("WEIGHTS_0", std::vector<float>(16, -1.0f), "VEC4", 4); }, {"vertex 0", "-1"}},
       {[](Parts* p) { p->set_floats("JOINTS_0", std::vector<float>(16, 9.0f), "VEC4", 4); }, {"3 joints", "joint 9"}},
       {[](Parts* p) { p->set_floats("POSITION", std::vector<float>(12, NAN), "VEC3", 4); }, {"finite position", "NaN"}},

@@ -1,17 +1,17 @@
 // Kinematics, canonical pose, normalisation and their gradients against the reference's values (golden 01_kinematics).
+#include <gtest/gtest.h>
+
 #include "host/body/canonical.h"
 #include "host/body/kinematics_gradient.h"
 #include "host/body/pose.h"
 #include "tests/golden.h"
 
-#include <gtest/gtest.h>
-
 namespace arah {
 namespace {
 
-// The reference's Rodrigues adds 1e-8 to each component of the axis-angle before it takes the angle: a rotation by a differs
-// by up to 1.7e-8 |d(sin t / t)| from an exact one. That, and nothing of ours, is what this limit (absolute, on numbers of
-// size 1) leaves room for; up to eight such rotations follow each other.
+// The reference's Rodrigues adds 1e-8 to each component of the axis-angle before it takes the angle: a rotation by a
+// differs by up to 1.7e-8 |d(sin t / t)| from an exact one. That, and nothing of ours, is what this limit (absolute, on
+// numbers of size 1) leaves room for; up to eight such rotations follow each other.
 constexpr double kRodriguesLimit = 1e-7;
 
 struct GoldenRig {
@@ -21,10 +21,10 @@ struct GoldenRig {
 
   GoldenRig() {
     skeleton.parents = {-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21};
-    skeleton.names = {"pelvis",     "left_hip",      "right_hip",      "spine1",      "left_knee",    "right_knee",
-                      "spine2",     "left_ankle",    "right_ankle",    "spine3",      "left_foot",    "right_foot",
-                      "neck",       "left_collar",   "right_collar",   "head",        "left_shoulder", "right_shoulder",
-                      "left_elbow", "right_elbow",   "left_wrist",     "right_wrist", "left_hand",    "right_hand"};
+    skeleton.names = {"pelvis",     "left_hip",    "right_hip",    "spine1",      "left_knee",     "right_knee",
+                      "spine2",     "left_ankle",  "right_ankle",  "spine3",      "left_foot",     "right_foot",
+                      "neck",       "left_collar", "right_collar", "head",        "left_shoulder", "right_shoulder",
+                      "left_elbow", "right_elbow", "left_wrist",   "right_wrist", "left_hand",     "right_hand"};
     skeleton.rest_joints = vectors("in.J");
     const std::vector<glm::dvec3> theta = vectors("in.pose");
     for (std::size_t p = 0; p < theta.size() / 24; ++p) {
@@ -114,8 +114,8 @@ TEST(GoldenKinematics, MatchesTheReferenceBackward) {
     for (std::size_t i = 0; i < 24 * 12; ++i) {
       bones[i / 12][static_cast<int>(i % 4)][static_cast<int>(i % 12 / 4)] = bone_weights[24 * 12 * p + i];
     }
-    const KinematicsGradient gradient = kinematics_gradient(
-        rig.skeleton, canonical, rig.poses[p], bones, std::span(joint_weights).subspan(24 * p, 24));
+    const KinematicsGradient gradient =
+        kinematics_gradient(rig.skeleton, canonical, rig.poses[p], bones, std::span(joint_weights).subspan(24 * p, 24));
     for (std::size_t j = 0; j < 24; ++j) {
       append(&theta, gradient.theta[j]);
       rest_sum[j] += gradient.rest_joints[j];

@@ -1,10 +1,9 @@
-#include "host/body/motion.h"
-#include "tests/host/body/rigs.h"
-
+#include <functional>
 #include <glm/geometric.hpp>
 #include <nlohmann/json.hpp>
 
-#include <functional>
+#include "host/body/motion.h"
+#include "tests/host/body/rigs.h"
 
 namespace arah {
 namespace {
@@ -51,16 +50,23 @@ TEST(Motion, NamesTheFrameAndTheFieldThatIsWrong) {
       {[](json* m) { (*m)["frames"][1]["theta"][2][0] = nullptr; }, {"frame 7 theta[2] (bone_2)", "finite", "null"}},
       {[](json* m) { (*m)["frames"][1]["theta"][2][0] = "1.0"; }, {"frame 7 theta[2]", "finite number", "\"1.0\""}},
       {[](json* m) { (*m)["frames"][0]["theta"].erase(0); }, {"frame 4 theta", "3 values", "found 2"}},
-      {[](json* m) { (*m)["frames"][0]["theta"][1] = {1, 2}; }, {"frame 4 theta[1]", "3 values", "found 2"}},
+      {[](json* m) {
+         (*m)["frames"][0]["theta"][1] = {1, 2};
+       },
+       {"frame 4 theta[1]", "3 values", "found 2"}},
       {[](json* m) { (*m)["frames"][2]["frame"] = 4; }, {"frame 4", "twice"}},
       {[](json* m) { (*m)["frames"][2]["frame"] = -1; }, {"frames[2] frame", "integer", "-1"}},
       {[](json* m) { (*m)["frames"][2]["frame"] = 1.5; }, {"frames[2] frame", "integer", "1.5"}},
-      {[](json* m) { (*m)["frames"][0].erase("root_position"), (*m)["frames"][0].erase("trans"); }, {"root_position or trans"}},
+      {[](json* m) { (*m)["frames"][0].erase("root_position"), (*m)["frames"][0].erase("trans"); },
+       {"root_position or trans"}},
       {[](json* m) { (*m)["frames"] = json::array(); }, {"at least one frame"}},
       {[](json* m) { (*m)["frames"] = 3; }, {"frames", "a list", "found 3"}},
       {[](json* m) { m->erase("joint_names"); }, {"joint_names", "none"}},
       {[](json* m) { (*m)["parents"][1] = 2; }, {"bone_1", "a parent that comes before it"}},
-      {[](json* m) { (*m)["betas"] = {0, 0.5}; }, {"betas", "0.5"}},
+      {[](json* m) {
+         (*m)["betas"] = {0, 0.5};
+       },
+       {"betas", "0.5"}},
       {[](json* m) { *m = json::array(); }, {"an object"}},
   };
   for (std::size_t i = 0; i < cases.size(); ++i) {
@@ -74,7 +80,8 @@ TEST(Motion, NamesTheFrameAndTheFieldThatIsWrong) {
   }
   const std::string text = good.dump();
   expect_input_error([&] { read_motion(folder / "none.json"); }, {"none.json"});
-  expect_input_error([&] { read_motion(folder.write("cut.json", text.substr(0, text.size() / 2))); }, {"cut.json", "JSON"});
+  expect_input_error([&] { read_motion(folder.write("cut.json", text.substr(0, text.size() / 2))); },
+                     {"cut.json", "JSON"});
   std::string nan = text;
   nan.replace(nan.find("0.3333"), 6, "NaN");
   expect_input_error([&] { read_motion(folder.write("nan.json", nan)); }, {"nan.json", "line 1"});

@@ -1,14 +1,13 @@
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <glm/gtc/constants.hpp>
+#include <glm/matrix.hpp>
+#include <random>
+
 #include "host/body/canonical.h"
 #include "host/body/kinematics_gradient.h"
 #include "host/body/pose.h"
 #include "tests/host/body/rigs.h"
-
-#include <glm/geometric.hpp>
-#include <glm/gtc/constants.hpp>
-#include <glm/matrix.hpp>
-
-#include <cmath>
-#include <random>
 
 namespace arah {
 namespace {
@@ -23,7 +22,8 @@ double difference(const glm::dmat3& a, const glm::dmat3& b) {
 
 TEST(Rotation, IsARotationAtEveryAngle) {
   const glm::dvec3 axis = glm::normalize(glm::dvec3(1.0, -2.0, 0.5));
-  for (double angle : {0.0, 1e-300, 1e-8, 1e-4, 0.5, glm::pi<double>() - 1e-7, glm::pi<double>(), 10 * glm::pi<double>()}) {
+  for (double angle :
+       {0.0, 1e-300, 1e-8, 1e-4, 0.5, glm::pi<double>() - 1e-7, glm::pi<double>(), 10 * glm::pi<double>()}) {
     const glm::dmat3 rotation = rotation_from_axis_angle(angle * axis);
     EXPECT_LT(difference(glm::transpose(rotation) * rotation, glm::dmat3(1.0)), 1e-13) << angle;
     EXPECT_NEAR(glm::determinant(rotation), 1.0, 1e-13) << angle;
@@ -70,11 +70,11 @@ TEST(Kinematics, RefusesAPoseOfAnotherSkeleton) {
 TEST(KinematicsGradient, AgreesWithCentralDifferences) {
   // SMPL's leg names on an odd rig in a T-pose, so that the canonical turn's centre is differentiated too.
   Skeleton skeleton;
-  skeleton.names = {"pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_shoulder", "left_elbow",
-                    "right_shoulder", "right_elbow"};
+  skeleton.names = {"pelvis",        "left_hip",   "right_hip",      "left_knee",  "right_knee",
+                    "left_shoulder", "left_elbow", "right_shoulder", "right_elbow"};
   skeleton.parents = {-1, 0, 0, 1, 2, 0, 5, 0, 7};
-  skeleton.rest_joints = {{0.0, 1.0, 0.0},   {0.1, 0.9, 0.02},  {-0.1, 0.9, 0.01}, {0.12, 0.5, 0.0}, {-0.11, 0.5, 0.03},
-                          {0.2, 1.4, 0.0}, {0.5, 1.41, -0.02}, {-0.2, 1.4, 0.0}, {-0.5, 1.38, 0.0}};
+  skeleton.rest_joints = {{0.0, 1.0, 0.0}, {0.1, 0.9, 0.02},   {-0.1, 0.9, 0.01}, {0.12, 0.5, 0.0}, {-0.11, 0.5, 0.03},
+                          {0.2, 1.4, 0.0}, {0.5, 1.41, -0.02}, {-0.2, 1.4, 0.0},  {-0.5, 1.38, 0.0}};
   std::mt19937 random(11);
   std::normal_distribution<double> normal;
   auto vector = [&] { return glm::dvec3(normal(random), normal(random), normal(random)); };
@@ -112,7 +112,8 @@ TEST(KinematicsGradient, AgreesWithCentralDifferences) {
       higher.rest_joints[j][k] += step;
       lower.rest_joints[j][k] -= step;
       const double rest = (functional(higher, pose) - functional(lower, pose)) / (2.0 * step);
-      largest = std::max({largest, std::abs(theta - gradient.theta[j][k]), std::abs(rest - gradient.rest_joints[j][k])});
+      largest =
+          std::max({largest, std::abs(theta - gradient.theta[j][k]), std::abs(rest - gradient.rest_joints[j][k])});
     }
   }
   std::printf("  largest error against central differences %.2e\n", largest);
@@ -150,7 +151,8 @@ Skeleton legs(const glm::dvec3& thigh) {
 }
 
 TEST(CanonicalPose, TurnsAThighOutToFortyFiveDegrees) {
-  for (const glm::dvec3 thigh : {glm::dvec3(0.0, -0.4, 0.0), glm::dvec3(0.05, -0.4, 0.07), glm::dvec3(-0.03, -0.4, -0.02)}) {
+  for (const glm::dvec3 thigh :
+       {glm::dvec3(0.0, -0.4, 0.0), glm::dvec3(0.05, -0.4, 0.07), glm::dvec3(-0.03, -0.4, -0.02)}) {
     EXPECT_NEAR(canonical_thigh(legs(thigh), "left"), 45.0, 1e-9);
     EXPECT_NEAR(canonical_thigh(legs(thigh), "right"), 45.0, 1e-9);
   }
