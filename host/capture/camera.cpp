@@ -101,7 +101,7 @@ glm::dvec2 Camera::project(const glm::dvec3& world) const {
   return {pixel.x / pixel.z, pixel.y / pixel.z};
 }
 
-Ray Camera::ray(double u, double v) const {
+PixelRay Camera::ray(double u, double v) const {
   const double y = (v - K[2][1]) / K[1][1];
   const double x = (u - K[2][0] - K[1][0] * y) / K[0][0];
   return {center(), glm::normalize(glm::transpose(R) * glm::dvec3(x, y, 1.0))};

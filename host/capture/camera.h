@@ -12,7 +12,7 @@
 
 namespace arah {
 
-struct Ray {
+struct PixelRay {
   glm::dvec3 origin{0.0};
   glm::dvec3 direction{0.0};  // unit length
 };
@@ -37,7 +37,7 @@ struct Camera {
   // World → pixel of the undistorted picture. The point must be in front of the camera (depth > 0).
   glm::dvec2 project(const glm::dvec3& world) const;
   // The ray through the centre of pixel (u, v) of the undistorted picture, in the world.
-  Ray ray(double u, double v) const;
+  PixelRay ray(double u, double v) const;
   // Where an undistorted pixel lies in the distorted picture on disk.
   glm::dvec2 distort(const glm::dvec2& pixel) const;
   // The camera of the same picture resized to `new_width` columns, its height in proportion (rounded, at least 1).

@@ -10,7 +10,7 @@ namespace {
 TEST(Camera, RaysGoThroughWhatTheyProjectTo) {
   const Camera camera = odd_camera();
   for (const glm::dvec2 pixel : {glm::dvec2(0.0, 0.0), glm::dvec2(36.0, 22.0), glm::dvec2(-5.5, 11.25)}) {
-    const Ray ray = camera.ray(pixel.x, pixel.y);
+    const PixelRay ray = camera.ray(pixel.x, pixel.y);
     EXPECT_NEAR(glm::length(ray.direction), 1.0, 1e-14);
     EXPECT_LT(glm::length(ray.origin - camera.center()), 1e-14);
     for (double distance : {0.01, 2.0, 1e4}) {
@@ -133,7 +133,7 @@ bool meets_box(const Camera& camera, double u, double v, const std::vector<glm::
     least = glm::min(least, glm::dvec3(vertex));
     greatest = glm::max(greatest, glm::dvec3(vertex));
   }
-  const Ray ray = camera.ray(u, v);
+  const PixelRay ray = camera.ray(u, v);
   double near = 0.0, far = 1e9;
   for (int k = 0; k < 3; ++k) {
     const double a = (least[k] - margin - ray.origin[k]) / ray.direction[k];
