@@ -156,19 +156,46 @@ Anatomy make_anatomy(std::uint64_t seed) {
   return anatomy;
 }
 
-Field muscle_union(std::vector<Muscle> muscles, double blend_factor) {
-  return [muscles = std::move(muscles), blend_factor](const glm::dvec3& p) {
+Field muscle_union(const std::vector<Muscle>& muscles, double blend_factor) {
+  struct Part {
+    TaperedCapsule shape;
+    int limb;
+    double blend;
+    glm::dvec3 center;  // of a ball around it
+    double radius;
+  };
+  std::vector<Part> parts;
+  for (const Muscle& muscle : muscles) {
+    const TaperedCapsule& shape = muscle.shape;
+    const double widest = std::max({shape.stretch.x, shape.stretch.y, shape.stretch.z});
+    parts.push_back({shape, static_cast<int>(muscle.limb), blend_factor * muscle.blend, 0.5 * (shape.a + shape.b),
+                     0.5 * glm::distance(shape.a, shape.b) + widest * std::max(shape.radius_a, shape.radius_b)});
+  }
+  return [parts = std::move(parts), blend_factor](const glm::dvec3& p) {
     const double far = 1e3;
     double limb[3] = {far, far, far};
-    for (const Muscle& muscle : muscles) {
-      double& value = limb[static_cast<int>(muscle.limb)];
-      value = smooth_minimum(value, signed_distance(muscle.shape, p), blend_factor * muscle.blend);
+    for (const Part& part : parts) {
+      double& value = limb[part.limb];
+      // Further away than the blend reaches, a muscle changes nothing.
+      if (glm::distance(p, part.center) - part.radius >= value + part.blend) continue;
+      value = smooth_minimum(value, signed_distance(part.shape, p), part.blend);
     }
     const double trunk_blend = 0.05 * blend_factor;
     const double left = smooth_minimum(limb[0], limb[1], trunk_blend),
                  right = smooth_minimum(limb[0], limb[2], trunk_blend);
     return smooth_minimum(left, right, 0.006);
   };
+}
+
+Box bounds(const std::vector<Muscle>& muscles, double margin) {
+  Box box{glm::dvec3(std::numeric_limits<double>::max()), glm::dvec3(std::numeric_limits<double>::lowest())};
+  for (const Muscle& muscle : muscles) {
+    const TaperedCapsule& shape = muscle.shape;
+    const glm::dvec3 reach = std::max(shape.radius_a, shape.radius_b) * shape.stretch + margin;
+    box.low = glm::min(box.low, glm::min(shape.a, shape.b) - reach);
+    box.high = glm::max(box.high, glm::max(shape.a, shape.b) + reach);
+  }
+  return box;
 }
 
 void diffuse_weights(std::vector<std::vector<float>>& weights,
@@ -208,8 +235,8 @@ void keep_four(const std::vector<std::vector<float>>& weights, std::vector<glm::
 }
 
 BodyTemplate make_body(const Anatomy& anatomy) {
-  const TriangleMesh mesh =
-      mesh_zero_set(muscle_union(anatomy.muscles, 1.0), {-0.96, -0.05, -0.22}, {0.96, 1.84, 0.26}, 0.0135);
+  const Box box = bounds(anatomy.muscles, 0.04);
+  const TriangleMesh mesh = mesh_zero_set(muscle_union(anatomy.muscles, 1.0), box.low, box.high, 0.0135);
   const auto neighbours = vertex_neighbours(mesh.vertices.size(), mesh.triangles);
   std::vector<std::vector<float>> weights(mesh.vertices.size(), std::vector<float>(anatomy.skeleton.size(), 0.0f));
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {

@@ -31,8 +31,14 @@ struct Anatomy {
 Anatomy make_anatomy(std::uint64_t seed);
 
 // The smooth union of some of the muscles, swollen by `offset` metres; `blend_factor` scales every muscle's blend.
-// The muscles are copied. At least one must be given.
-Field muscle_union(std::vector<Muscle> muscles, double blend_factor);
+// At least one must be given.
+Field muscle_union(const std::vector<Muscle>& muscles, double blend_factor);
+
+// The box around some muscles, grown by `margin` metres on all sides.
+struct Box {
+  glm::dvec3 low, high;
+};
+Box bounds(const std::vector<Muscle>& muscles, double margin);
 
 // The body's mesh with normals and skinning weights (glb empty): every vertex starts with the joint of its nearest
 // muscle, and weights diffuse over the surface, so that joints bend over some 6 cm.

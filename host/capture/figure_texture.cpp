@@ -116,7 +116,7 @@ glm::vec3 shirt_color(const Palette& palette, const glm::vec3& p) {
         std::max(seven(-p.x + 0.045f, p.y - 1.225f, 0.085f), seven(-p.x - 0.05f, p.y - 1.225f, 0.085f));
     color = glm::mix(color, palette.stripe, number);
   }
-  return color * (0.88f + 0.16f * noise(p * 60.0f) + 0.05f * noise(p * 220.0f));
+  return color * (0.92f + 0.10f * noise(p * 60.0f) + 0.05f * noise(p * 220.0f));
 }
 
 glm::vec3 shorts_color(const Palette& palette, const glm::vec3& p) {
@@ -182,7 +182,7 @@ Palette make_palette(std::uint64_t seed) {
     return low + (high - low) * static_cast<float>(random() >> 40) * 0x1p-24f;
   };
   const float tone = uniform(0.45f, 1.08f);
-  palette.skin *= glm::vec3(tone, tone * tone * 0.98f, tone * tone * 0.96f) / std::max(1.0f, tone);
+  palette.skin *= glm::vec3(tone, tone * (0.25f + 0.75f * tone), tone * (0.3f + 0.7f * tone)) / std::max(1.0f, tone);
   palette.lips *= glm::vec3(0.4f + 0.6f * tone) / std::max(1.0f, tone);
   palette.hair = from_hue(uniform(0.05f, 0.12f), uniform(0.3f, 0.75f), uniform(0.12f, 0.62f));
   const float hue = uniform(0.0f, 1.0f);

@@ -64,8 +64,18 @@ Grid sample_field(const Field& field, const glm::dvec3& low, const glm::dvec3& h
   return grid;
 }
 
-// One vertex a cell that the surface crosses: the mean of the crossings on the cell's twelve edges.
-glm::dvec3 cell_vertex(const Grid& grid, int x, int y, int z, bool& crossed) {
+// Whether the eight corners of a cell lie on both sides of the surface.
+bool crosses(const Grid& grid, int x, int y, int z) {
+  const std::size_t corner = grid.index(x, y, z), row = static_cast<std::size_t>(grid.nodes.x);
+  const std::size_t layer = row * static_cast<std::size_t>(grid.nodes.y);
+  int inside = 0;
+  for (const std::size_t shift : {std::size_t{0}, row, layer, layer + row})
+    inside += (grid.values[corner + shift] < 0 ? 1 : 0) + (grid.values[corner + shift + 1] < 0 ? 1 : 0);
+  return inside != 0 && inside != 8;
+}
+
+// The vertex of a cell that the surface crosses: the mean of the crossings on its twelve edges.
+glm::dvec3 cell_vertex(const Grid& grid, int x, int y, int z) {
   glm::dvec3 sum(0);
   int crossings = 0;
   for (int axis = 0; axis < 3; ++axis)
@@ -81,8 +91,7 @@ glm::dvec3 cell_vertex(const Grid& grid, int x, int y, int z, bool& crossed) {
       sum += glm::mix(grid.position(from.x, from.y, from.z), grid.position(to.x, to.y, to.z), f / (f - g));
       ++crossings;
     }
-  crossed = crossings > 0;
-  return crossed ? sum / static_cast<double>(crossings) : sum;
+  return sum / static_cast<double>(crossings);
 }
 
 // One Newton step onto the zero set, at most half a cell long.
@@ -127,19 +136,17 @@ TriangleMesh mesh_zero_set(const Field& field, const glm::dvec3& low, const glm:
   for (int z = 0; z + 1 < n.z; ++z)
     for (int y = 0; y + 1 < n.y; ++y)
       for (int x = 0; x + 1 < n.x; ++x) {
-        bool crossed = false;
-        const glm::dvec3 vertex = cell_vertex(grid, x, y, z, crossed);
-        if (!crossed) continue;
+        if (!crosses(grid, x, y, z)) continue;
         vertex_of_cell[grid.index(x, y, z)] = static_cast<std::uint32_t>(mesh.vertices.size());
-        mesh.vertices.push_back(vertex);
+        mesh.vertices.push_back(cell_vertex(grid, x, y, z));
       }
 
   // Every grid edge that the surface crosses joins the vertices of its four cells.
-  const auto join = [&](glm::ivec3 node, int axis) {
-    glm::ivec3 next = node;
-    next[axis] += 1;
-    const double f = grid.values[grid.index(node.x, node.y, node.z)];
-    const double g = grid.values[grid.index(next.x, next.y, next.z)];
+  const std::size_t stride[3] = {1, static_cast<std::size_t>(n.x),
+                                 static_cast<std::size_t>(n.x) * static_cast<std::size_t>(n.y)};
+  const auto join = [&](const glm::ivec3& node, int axis) {
+    const std::size_t at = grid.index(node.x, node.y, node.z);
+    const double f = grid.values[at], g = grid.values[at + stride[axis]];
     if ((f < 0) == (g < 0)) return;
     glm::ivec3 du(0), dv(0);
     du[(axis + 1) % 3] = 1;

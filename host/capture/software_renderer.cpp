@@ -8,8 +8,8 @@ namespace arah {
 
 namespace {
 
-constexpr int kSamples = 3;                    // a pixel and axis
-constexpr int kBandSamples = 4 * 1024 * 1024;  // depth samples held at a time: rows are drawn in bands of this size
+constexpr int kSamples = 3;                // a pixel and axis
+constexpr int kBandSamples = 1024 * 1024;  // depth samples held at a time: rows are drawn in bands of this size
 
 struct Corner {
   double x, y;           // samples, kSamples to a pixel; sample s lies at its integer coordinate
@@ -81,11 +81,19 @@ RgbaPicture rasterise(const Camera& camera, std::span<const glm::vec3> positions
   const double nearest = 0.01 * furthest;
   const glm::vec3 eye(camera.center());
 
+  // The rows of pixels that anything may touch.
+  int top = camera.height, bottom = 0;
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    if (depths[i] <= nearest) continue;
+    const double row = std::clamp(corners[i].y / kSamples, 0.0, static_cast<double>(camera.height));
+    top = std::min(top, static_cast<int>(row));
+    bottom = std::max(bottom, std::min(static_cast<int>(row) + 1, camera.height));
+  }
   const int columns = camera.width * kSamples;
   const int band = std::clamp(kBandSamples / (columns * kSamples), 1, camera.height);  // rows of pixels
   std::vector<Sample> samples;
-  for (int first = 0; first < camera.height; first += band) {
-    const int rows = std::min(band, camera.height - first);
+  for (int first = top; first < bottom; first += band) {
+    const int rows = std::min(band, bottom - first);
     samples.assign(static_cast<std::size_t>(rows * kSamples) * static_cast<std::size_t>(columns), Sample{});
     for (std::uint32_t t = 0; t < triangles.size(); ++t) {
       const glm::uvec3& v = triangles[t];

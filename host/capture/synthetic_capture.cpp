@@ -74,19 +74,21 @@ Camera look_at(const std::string& name, bool training, const glm::dvec3& eye, co
 
 // Four cameras around at chest height, four between them higher and lower. Distance, aim and intrinsics differ a little
 // from camera to camera, as in a real room; the figure (with arms overhead) fills most of the picture.
-std::vector<Camera> make_cameras(double scale, int size, std::uint64_t seed) {
+std::vector<Camera> make_cameras(const ClothedFigure& figure, int size, std::uint64_t seed) {
   std::mt19937_64 random(seed + 77);
   const auto vary = [&](double range) { return range * (2.0 * static_cast<double>(random() >> 11) * 0x1p-53 - 1.0); };
-  const double held_out_height[4] = {1.9, 0.6, 1.6, 0.9};
+  const double held_out_height[4] = {0.32, -0.11, 0.22, -0.01};  // above the middle, in distances
   std::vector<Camera> cameras;
   for (int c = 0; c < 2 * kTrainingCameras; ++c) {
     const bool training = c < kTrainingCameras;
     const int place = c % kTrainingCameras;
     const double turn = 2 * std::numbers::pi * (place + (training ? 0.0 : 0.5)) / kTrainingCameras + vary(0.08);
-    const double distance = 3.0 + vary(0.12);
-    const double height = training ? 1.15 + vary(0.15) : held_out_height[place];
-    const glm::dvec3 eye = scale * glm::dvec3(distance * std::sin(turn), -distance * std::cos(turn), height);
-    const glm::dvec3 target = scale * glm::dvec3(vary(0.03), vary(0.03), 0.93 + vary(0.02));
+    const double distance = figure.camera_distance * (1.0 + vary(0.04));
+    const double height = figure.camera_distance * (training ? 0.07 + vary(0.05) : held_out_height[place]);
+    const glm::dvec3 target(distance * vary(0.01), distance * vary(0.01),
+                            figure.middle_height + distance * vary(0.007));
+    const glm::dvec3 eye =
+        glm::dvec3(distance * std::sin(turn), -distance * std::cos(turn), figure.middle_height + height);
     Camera camera = look_at(fmt::format("cam_{:02d}", c), training, eye, target, size * (1.28 + vary(0.02)), size);
     camera.K[1][1] *= 1.0 + vary(0.002);
     camera.K[2][0] += size * vary(0.015);
@@ -200,7 +202,7 @@ Scene make_scene(const SyntheticSettings& settings) {
   scene.figure =
       settings.rig.empty() ? make_clothed_figure(settings.seed) : dress_rig(read_body_template(settings.rig));
   scene.palette = make_palette(settings.seed);
-  scene.cameras = make_cameras(scene.figure.scale, settings.size, settings.seed);
+  scene.cameras = make_cameras(scene.figure, settings.size, settings.seed);
   int number = 0;
   const auto fill = [&](Motion& motion, const char* name, SyntheticSplit split, int frames) {
     motion.split = name;
@@ -243,44 +245,54 @@ void write_marker(const fs::path& path, const SyntheticSettings& settings) {
   write_bytes(path, text.data(), text.size());
 }
 
+void write_contents(const fs::path& folder, const Scene& scene, const SyntheticSettings& settings,
+                    const SyntheticProgress& report) {
+  for (const char* split : {"train", "novel"})
+    for (const Camera& camera : scene.cameras) fs::create_directories(folder / "images" / split / camera.name);
+  fs::create_directories(folder / "meshes");
+  write_body_template(folder / "template.glb", scene.figure.body);
+  write_cameras(folder / "cameras.json", scene.cameras);
+  write_motion(folder / "motion_train.json", scene.train);
+  write_motion(folder / "motion_novel.json", scene.novel);
+  std::size_t done = 0;
+  std::mutex done_mutex;
+  run_jobs(scene.jobs.size(), [&](std::size_t i) {
+    write_frame(folder, scene, scene.jobs[i], settings.seed);
+    const std::lock_guard lock(done_mutex);
+    ++done;
+    if (report)
+      report(static_cast<double>(done) / static_cast<double>(scene.jobs.size()),
+             fmt::format("frame {} of {}", done, scene.jobs.size()));
+  });
+}
+
 }  // namespace
 
 void write_synthetic_capture(const fs::path& out, const SyntheticSettings& settings,
                              const SyntheticProgress& progress) {
   check(settings);
   check_replaceable(out);
-  std::mutex progress_mutex;
-  const auto report = [&](double fraction, const std::string& what) {
-    const std::lock_guard lock(progress_mutex);
-    if (progress) progress(fraction, what);
-  };
-  report(0.0, "building the figure");
-  const Scene scene = make_scene(settings);
-
   // `out` may end in a slash, which would put the partial folder inside it.
-  const fs::path target = fs::absolute(out).lexically_normal();
-  fs::path partial = target.has_filename() ? target : target.parent_path();
-  const fs::path final_folder = partial;
+  const fs::path normal = fs::absolute(out).lexically_normal();
+  const fs::path folder = normal.has_filename() ? normal : normal.parent_path();
+  fs::path partial = folder;
   partial += ".partial";
-  fs::remove_all(partial);
-  for (const char* split : {"train", "novel"})
-    for (const Camera& camera : scene.cameras) fs::create_directories(partial / "images" / split / camera.name);
-  fs::create_directories(partial / "meshes");
-  write_body_template(partial / "template.glb", scene.figure.body);
-  write_cameras(partial / "cameras.json", scene.cameras);
-  write_motion(partial / "motion_train.json", scene.train);
-  write_motion(partial / "motion_novel.json", scene.novel);
+  check_replaceable(partial);
 
-  std::atomic<std::size_t> done{0};
-  run_jobs(scene.jobs.size(), [&](std::size_t i) {
-    write_frame(partial, scene, scene.jobs[i], settings.seed);
-    const std::size_t finished = ++done;
-    report(static_cast<double>(finished) / static_cast<double>(scene.jobs.size()),
-           fmt::format("frame {} of {}", finished, scene.jobs.size()));
-  });
-  write_marker(partial / kMarker, settings);
-  fs::remove_all(final_folder);
-  fs::rename(partial, final_folder);
+  if (progress) progress(0.0, "building the figure");
+  const Scene scene = make_scene(settings);
+  fs::remove_all(partial);
+  fs::create_directories(partial);
+  try {
+    write_marker(partial / kMarker, settings);  // first, so that what a killed run leaves is recognised and replaced
+    write_contents(partial, scene, settings, progress);
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove_all(partial, ignored);
+    throw;
+  }
+  fs::remove_all(folder);
+  fs::rename(partial, folder);
 }
 
 }  // namespace arah

@@ -171,9 +171,10 @@ Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTem
   std::vector<Muscle> worn;
   for (const Muscle& muscle : anatomy.muscles)
     if (muscle.*garment.worn_by) worn.push_back(muscle);
-  const Field skin = muscle_union(std::move(worn), garment.blend_factor);
+  const Box box = bounds(worn, 0.08);  // cloth stands off by up to 4 cm and its blends swell
+  const Field skin = muscle_union(worn, garment.blend_factor);
   const Field cloth = [&](const glm::dvec3& p) { return skin(p) - height * garment.offset(p / height); };
-  TriangleMesh mesh = mesh_zero_set(cloth, {-0.62, -0.07, -0.26}, {0.62, 1.88, 0.30}, 0.0135);
+  TriangleMesh mesh = mesh_zero_set(cloth, box.low, box.high, 0.0135);
 
   std::vector<std::vector<float>> all(mesh.vertices.size(), std::vector<float>(body.skeleton.size(), 0.0f));
   for (std::size_t i = 0; i < all.size(); ++i) {
@@ -266,8 +267,8 @@ std::vector<double> rig_garment_inside(const BodyTemplate& rig, double low, doub
       for (int k = 0; k < 4; ++k)
         if (worn[rig.joints[i][k]]) inside[i] += static_cast<double>(rig.weights[i][k]);
     } else {
-      const double level = (static_cast<double>(rig.vertices[i].y) - low) / height;
-      inside[i] = std::min(level - 0.3, 0.8 - level);
+      // Linear in the vertices, so that even a triangle as tall as the rig is cut at the right place.
+      inside[i] = (static_cast<double>(rig.vertices[i].y) - low) / height - 0.45;
     }
   }
   return inside;
@@ -298,6 +299,8 @@ ClothedFigure make_clothed_figure(std::uint64_t seed) {
   figure.body = make_body(anatomy);
   const double height = anatomy.skeleton.rest_joints[0].y / 0.93;
   figure.scale = height;
+  figure.middle_height = 0.93 * height;
+  figure.camera_distance = 3 * height;
 
   // Skin more than 25 mm inside a hem cannot be seen, so it is no part of the surface.
   Sheet skin = body_sheet(figure.body);
@@ -330,6 +333,12 @@ ClothedFigure dress_rig(BodyTemplate rig) {
   }
   const glm::vec3 extent = high - low;
   figure.scale = static_cast<double>(std::max({extent.x, extent.y, extent.z})) / 1.74;
+  figure.middle_height = 0.53 * static_cast<double>(extent.y);
+  // A person's T-pose has a wide diagonal that no pose fills; of other rigs the whole ball around them must be in view:
+  // its radius over the sine of half the field of view, 21 degrees, and 10 % of air.
+  figure.camera_distance = 3 * figure.scale;
+  if (!has_smpl_legs(rig.skeleton))
+    figure.camera_distance = std::max(figure.camera_distance, 1.55 * static_cast<double>(glm::length(extent)));
   const std::vector<double> inside = rig_garment_inside(rig, low.y, std::max(static_cast<double>(extent.y), 1e-9));
 
   Sheet body = body_sheet(rig);

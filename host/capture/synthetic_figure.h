@@ -30,8 +30,9 @@ struct Fold {
 // metres, +Y up, +Z forward.
 struct ClothedFigure {
   BodyTemplate body;
-  double scale =
-      1;  // size of the figure relative to a person of 1.74 m: lengths of folds and the distance of cameras follow it
+  double scale = 1;             // size relative to a person of 1.74 m: lengths of folds, offsets and patterns follow it
+  double middle_height = 0.93;  // m above the ground, where cameras look
+  double camera_distance = 3;   // m, from which the whole figure is in view, arms overhead
 
   std::vector<glm::vec3> rest;
   std::vector<glm::vec3> normals;
@@ -49,7 +50,7 @@ struct ClothedFigure {
 ClothedFigure make_clothed_figure(std::uint64_t seed);
 
 // Dresses a rig: its own surface plus a garment sheet 12 mm (times scale) above it around torso and limbs' roots (rigs
-// with SMPL's names) or the middle of its height (other rigs).
+// with SMPL's names) or the upper 55 % of its height (other rigs).
 ClothedFigure dress_rig(BodyTemplate rig);
 
 struct PosedSurface {
@@ -58,9 +59,9 @@ struct PosedSurface {
 };
 
 // The surface in `pose`, in the world (+Z up). Skin follows linear blend skinning; garments add, by looseness:
-//   folds     along the normal, up to 9 mm for each driving joint, growing with its bend;
-//   gravity   up to 18 mm from where the garment hangs at rest towards where it hangs now;
-//   lag       against the velocity between `previous_pose` and `pose` (`seconds` apart, > 0), saturating at 20 mm;
+//   folds     along the normal, up to 14 mm for each driving joint, growing with its bend;
+//   gravity   up to 45 mm (for a right angle) from where the garment hangs at rest towards where it hangs now;
+//   lag       against the velocity between `previous_pose` and `pose` (`seconds` apart, > 0), saturating at 30 mm;
 // none of which moves a garment further into the body than a fraction of the gap between them.
 PosedSurface pose_surface(const ClothedFigure& figure, const Pose& pose, const Pose& previous_pose, double seconds);
 

@@ -7,11 +7,11 @@ namespace arah {
 
 namespace {
 
-constexpr float kFoldHeight = 0.009f;    // m, for a joint bent far
-constexpr float kGravityReach = 0.018f;  // m, hem of a figure that hangs head down moves twice as far
-constexpr double kLagSeconds = 0.035;    // a loose hem is where skinning had it this long ago
-constexpr float kLagLimit = 0.020f;      // m
-constexpr float kInwardLimit = 0.006f;   // m, what a garment may come closer to the body than at rest
+constexpr float kFoldHeight = 0.014f;    // m, for a joint bent far
+constexpr float kGravityReach = 0.045f;  // m, hem of a figure that hangs head down moves twice as far
+constexpr double kLagSeconds = 0.06;     // a loose hem is where skinning had it this long ago
+constexpr float kLagLimit = 0.030f;      // m
+constexpr float kInwardLimit = 0.008f;   // m, what a garment may come closer to the body than at rest
 
 glm::dmat4 blend(const std::vector<glm::dmat4>& transforms, const glm::u8vec4& joints, const glm::vec4& weights) {
   glm::dmat4 sum(0.0);
