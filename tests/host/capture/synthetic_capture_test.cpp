@@ -16,7 +16,6 @@
 #include <utility>
 
 #include "host/capture/capture.h"
-#include "host/capture/figure_anatomy.h"
 #include "host/capture/software_renderer.h"
 #include "host/capture/synthetic_figure.h"
 #include "host/capture/synthetic_motion.h"
