@@ -1,0 +1,46 @@
+// Push constants of shaders/skinning. Valid in C++ and GLSL. Texels are 4 floats, groups 8.
+#ifndef ARAH_SHARED_SKINNING_H
+#define ARAH_SHARED_SKINNING_H
+#ifdef __cplusplus
+#include "shaders/shared/glsl_types.h"
+namespace arah::shared {
+#endif
+
+struct LbsConstants {
+  uint row_limit;
+  uint logit_stride;  // texels
+  uint logit_column;
+  uint weight_stride;  // groups
+  uint weight_column;
+};
+
+struct LbsBackwardConstants {
+  uint row_limit;
+  uint logit_stride;  // texels
+  uint logit_column;
+  uint d_logit_stride;  // groups
+  uint d_logit_column;
+};
+
+struct WeightsLossConstants {
+  uint points;
+  uint logit_stride;  // texels
+  uint logit_column;
+  uint d_logit_stride;  // groups
+  uint d_logit_column;
+  float scale;  // the term's weight / points
+};
+
+struct JacobianConstants {
+  uvec3 stride;  // of the gradients of x_bar's three components, texels
+  uvec3 column;
+};
+
+#ifdef __cplusplus
+static_assert(sizeof(LbsConstants) == 20);
+static_assert(sizeof(LbsBackwardConstants) == 20);
+static_assert(sizeof(WeightsLossConstants) == 24);
+static_assert(sizeof(JacobianConstants) == 24);
+}  // namespace arah::shared
+#endif
+#endif

@@ -1,0 +1,56 @@
+// Ends a root search: one invocation writes one point's result and the workgroup adds what became of its points to the
+// counts. canonical: the best iterate, w = 1 where it is a root (for rays: one within [near, far]), else 0; zeros for
+// points that were never started or whose start was not finite.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+
+#define BROYDEN_CONSTANT 0
+#include "lib/broyden.glsl"
+#include "lib/scan.glsl"
+#include "shared/tracing.h"
+
+layout(local_size_x = 64) in;
+layout(binding = 0, scalar) restrict readonly buffer State { vec4 state[]; };
+layout(binding = 1, rgba32f) uniform readonly imageBuffer rays;  // two texels a ray; 4 unknowns
+layout(binding = 2, scalar) restrict writeonly buffer Canonical { vec4 canonical[]; };
+layout(binding = 3, scalar) restrict writeonly buffer Depth { float depth[]; };  // 4 unknowns
+layout(binding = 4, scalar) restrict buffer Counts { SearchCounts counts; };
+layout(push_constant, scalar) uniform Constants { BroydenFinishConstants constants; };
+
+uint number_of(bool condition) {
+  uint total;
+  exclusive_scan(condition ? 1u : 0u, total);
+  return total;
+}
+
+void main() {
+  const uint point = gl_GlobalInvocationID.x;
+  const bool exists = point < constants.points;
+  const uint at = min(point, constants.points - 1u);
+  const vec4 best = state[BEST * constants.capacity + at];
+  const vec4 status = state[STATUS * constants.capacity + at];
+  const bool started = exists && status.z != NEVER_STARTED;
+  const bool converged = started && status.z == CONVERGED;
+  bool is_root = converged;
+  if (UNKNOWNS == 4) {
+    const float near = imageLoad(rays, 2 * int(at)).w, far = imageLoad(rays, 2 * int(at) + 1).w;
+    is_root = converged && near <= best.w && best.w <= far;
+  }
+  const bool usable = started && is_finite(best);
+  canonical[point] = usable ? vec4(best.xyz, is_root ? 1.0 : 0.0) : vec4(0);
+  if (UNKNOWNS == 4) depth[point] = usable ? best.w : 0.0;
+
+  uint steps;
+  exclusive_scan(started ? uint(status.y) : 0u, steps);
+  const uint roots = number_of(converged), lost = number_of(started && status.z == DIVERGED);
+  const uint exhausted = number_of(started && status.z == EXHAUSTED), hits = number_of(UNKNOWNS == 4 && is_root);
+  if (gl_LocalInvocationIndex == 0u) {
+    atomicAdd(counts.steps, steps);
+    atomicAdd(counts.converged, roots);
+    atomicAdd(counts.diverged, lost);
+    atomicAdd(counts.exhausted, exhausted);
+    atomicAdd(counts.hits, hits);
+  }
+}
