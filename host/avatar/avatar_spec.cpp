@@ -1,0 +1,160 @@
+#include "host/avatar/avatar_spec.h"
+
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+constexpr uint32_t kMostWidth = 1024;
+constexpr uint32_t kMostLayers = 16;
+constexpr std::size_t kMostGridLevels = 4;
+
+// One preset's sizes for CPU devices; everything but the widths is common to them.
+AvatarSpec small_spec(const std::string& name, uint32_t width, uint32_t skinning_hidden_layers) {
+  AvatarSpec spec;
+  spec.preset = name;
+  spec.skinning = {Skinning::network, 64, skinning_hidden_layers};
+  spec.sdf.width = width;
+  spec.sdf.sine_layers = 4;
+  spec.color.width = width;
+  spec.color.hidden_layers = 3;
+  spec.color.latent = true;
+  spec.latent_size = 16;
+  spec.grid_cells = {0.04, 0.02};
+  return spec;
+}
+
+AvatarSpec paper_spec() {
+  AvatarSpec spec;
+  spec.preset = "paper";
+  spec.skinning = {Skinning::network, 128, 4};
+  spec.sdf = {256, 6, 30.0, SdfConditioning::latent, 256, 3};
+  spec.color = {256, 5, 3, 128, true, true, true, true};
+  spec.latent_size = 128;
+  spec.latent_init_std = 1.0;
+  spec.b_init = 1e-3;
+  return spec;
+}
+
+}  // namespace
+
+const std::vector<std::string>& preset_names() {
+  static const std::vector<std::string> names{"tiny", "compact", "paper"};
+  return names;
+}
+
+AvatarSpec preset_spec(const std::string& name) {
+  if (name == "tiny") return small_spec(name, 64, 2);
+  if (name == "compact") return small_spec(name, 128, 3);
+  if (name == "paper") return paper_spec();
+  throw InputError("preset", "", fmt::format("one of {}", fmt::join(preset_names(), ", ")), "'" + name + "'");
+}
+
+void validate_spec(const AvatarSpec& spec, const std::string& where) {
+  const auto in_range = [&](const char* field, int64_t value, int64_t least, int64_t most) {
+    if (value < least || value > most) {
+      throw InputError(where, field, fmt::format("a whole number from {} to {}", least, most),
+                       fmt::format("{}", value));
+    }
+  };
+  const auto sized = [&](bool present, const char* part, const char* field, uint32_t value, uint32_t most) {
+    if (present) return in_range(field, value, 1, most);
+    if (value != 0) throw InputError(where, field, fmt::format("0 without {}", part), fmt::format("{}", value));
+  };
+  const auto positive = [&](const char* field, double value, bool zero_too) {
+    if (!(std::isfinite(value) && (value > 0 || (zero_too && value == 0)))) {
+      throw InputError(where, field, zero_too ? "a number of at least 0" : "a number above 0",
+                       fmt::format("{}", value));
+    }
+  };
+  const auto is_word = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+  };
+  if (!std::all_of(spec.preset.begin(), spec.preset.end(), is_word)) {
+    throw InputError(where, "preset", "letters, digits and _", "'" + spec.preset + "'");
+  }
+
+  const bool network = spec.skinning.kind == Skinning::network;
+  sized(network, "a skinning network", "skinning.width", spec.skinning.width, kMostWidth);
+  sized(network, "a skinning network", "skinning.hidden_layers", spec.skinning.hidden_layers, kMostLayers);
+
+  in_range("sdf.width", spec.sdf.width, 1, kMostWidth);
+  in_range("sdf.sine_layers", spec.sdf.sine_layers, 1, kMostLayers);
+  positive("sdf.omega", spec.sdf.omega, false);
+  const bool conditioned = spec.sdf.conditioning == SdfConditioning::latent;
+  sized(conditioned, "conditioning", "sdf.mapping_width", spec.sdf.mapping_width, kMostWidth);
+  sized(conditioned, "conditioning", "sdf.mapping_hidden_layers", spec.sdf.mapping_hidden_layers, kMostLayers);
+
+  in_range("color.width", spec.color.width, 1, kMostWidth);
+  in_range("color.hidden_layers", spec.color.hidden_layers, 1, kMostLayers);
+  if (spec.color.skip != -1) in_range("color.skip", spec.color.skip, 1, spec.color.hidden_layers);
+  sized(spec.color.skip != -1, "a skip", "color.narrow", spec.color.narrow, kMostWidth);
+
+  const bool latent_read = conditioned || spec.color.latent;
+  sized(latent_read, "a reader (sdf.conditioning or color.latent)", "latent_size", spec.latent_size, kMostWidth);
+  positive("latent_init_std", spec.latent_init_std, true);
+  positive("b_init", spec.b_init, false);
+  if (spec.grid_cells.size() > kMostGridLevels) {
+    throw InputError(where, "grid_cells", fmt::format("at most {} levels", kMostGridLevels),
+                     fmt::format("{}", spec.grid_cells.size()));
+  }
+  for (double cell : spec.grid_cells) positive("grid_cells", cell, false);
+}
+
+const char* to_string(Skinning skinning) {
+  switch (skinning) {
+    case Skinning::none:
+      return "none";
+    case Skinning::template_weights:
+      return "template_weights";
+    case Skinning::network:
+      return "network";
+  }
+  return "unknown";
+}
+
+const char* to_string(SdfConditioning conditioning) {
+  return conditioning == SdfConditioning::none ? "none" : "latent";
+}
+
+std::vector<uint32_t> sdf_widths(const AvatarSpec& spec) {
+  std::vector<uint32_t> widths(spec.sdf.sine_layers + 2, spec.sdf.width);
+  widths.front() = 3;
+  widths.back() = 1;
+  return widths;
+}
+
+std::vector<uint32_t> mapping_widths(const AvatarSpec& spec) {
+  if (spec.sdf.conditioning == SdfConditioning::none) return {};
+  std::vector<uint32_t> widths(spec.sdf.mapping_hidden_layers + 2, spec.sdf.mapping_width);
+  widths.front() = spec.latent_size;
+  widths.back() = 2 * spec.sdf.sine_layers * spec.sdf.width;
+  return widths;
+}
+
+std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits) {
+  if (spec.skinning.kind != Skinning::network) return {};
+  std::vector<uint32_t> widths(spec.skinning.hidden_layers + 2, spec.skinning.width);
+  widths.front() = 3;
+  widths.back() = logits;
+  return widths;
+}
+
+std::vector<uint32_t> color_widths(const AvatarSpec& spec) {
+  const ColorSpec& color = spec.color;
+  std::vector<uint32_t> widths(color.hidden_layers + 2, color.width);
+  widths.front() =
+      3 + (color.view ? kViewChannels : 0) + (color.normal ? 3 : 0) + (color.feature ? spec.sdf.width : 0) +
+      kGridFeatures * static_cast<uint32_t>(spec.grid_cells.size()) + (color.latent ? spec.latent_size : 0);
+  widths.back() = 3;
+  // Layer `skip` reads widths[skip], which is what the layer before it wrote.
+  if (color.skip != -1) widths[static_cast<std::size_t>(color.skip)] = color.narrow;
+  return widths;
+}
+
+}  // namespace arah
