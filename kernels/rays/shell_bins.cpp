@@ -1,0 +1,25 @@
+#include "kernels/rays/shell_bins.h"
+
+#include "kernels/linear/matrix.h"
+#include "shaders/shared/rays.h"
+
+namespace arah {
+
+void record_shell_bins(Commands& commands, const ShellBinsArgs& args) {
+  const uint32_t padded = padded_points(args.count);
+  const shared::ShellBinsConstants constants{args.grid, args.root_translation, args.outer, args.inner, args.count};
+  Launch launch;
+  launch.pipeline = &commands.device().pipeline("rays/shell_bins");
+  launch.name = "shell bins of rays";
+  launch.groups = {padded / point_padding, 1, 1};
+  launch.bindings = {{args.rays, uint64_t(args.count) * 32},
+                     {args.distances, uint64_t(node_count(args.grid)) * 4},
+                     {args.kept, uint64_t(padded) * 8},
+                     {args.kept_counts, uint64_t(padded) * 4}};
+  launch.push_constants = &constants;
+  launch.push_constant_bytes = sizeof(constants);
+  launch.cost = {args.count * 64 * 60.0, args.count * (64 * 32 + 44.0)};
+  commands.dispatch(launch);
+}
+
+}  // namespace arah
