@@ -1,0 +1,38 @@
+// Push constants of shaders/sampling. Valid in C++ and GLSL.
+#ifndef ARAH_SHARED_SAMPLING_H
+#define ARAH_SHARED_SAMPLING_H
+#ifdef __cplusplus
+#include "shaders/shared/glsl_types.h"
+namespace arah::shared {
+#endif
+
+struct ShellSamplesConstants {
+  vec3 root_translation;  // metres, world
+  uint rays;
+  uint samples;  // of each ray
+  uint jitter;   // 0: middle of the stratum
+  uint seed;
+  uint step_index;
+  uint first_ray;  // number of ray 0 in the random sequence
+};
+
+struct SurfaceSamplesConstants {
+  vec3 root_translation;
+  uint rays;
+  uint slots;  // samples of each ray in memory
+  uint jitter;
+  uint seed;
+  uint step_index;
+  uint first_ray;
+  float half_width;     // metres
+  uint around_surface;  // odd
+  uint before_surface;  // >= 1
+  uint without_surface;
+};
+
+#ifdef __cplusplus
+static_assert(sizeof(ShellSamplesConstants) == 36);
+static_assert(sizeof(SurfaceSamplesConstants) == 52);
+}  // namespace arah::shared
+#endif
+#endif
