@@ -1,0 +1,56 @@
+#include "kernels/compositing/backward.h"
+
+#include <fmt/format.h>
+
+#include <stdexcept>
+
+#include "kernels/compositing/sample_constants.h"
+#include "kernels/reduction/sum.h"
+
+namespace arah {
+
+void record_composite_backward(Commands& commands, const CompositeBackwardArgs& args) {
+  const CompositeSamples& s = args.samples;
+  for (const uint32_t number : {args.d_sdf.stride, args.d_sdf.column, args.d_sdf_columns, args.d_rgb.stride,
+                                args.d_rgb.column, args.d_rgb_columns})
+    if (number % 4)
+      throw std::invalid_argument(
+          fmt::format("compositing backward: a gradient's stride, column or width is {}, "
+                      "multiples of 4 expected",
+                      number));
+  const uint32_t padded = padded_points(s.rays * s.samples);
+  const uint64_t rows = uint64_t(s.rays) * s.samples;
+  const shared::CompositeBackwardConstants constants{composite_constants(s, 0), args.d_sdf.stride, args.d_sdf.column,
+                                                     args.d_rgb.stride,         args.d_rgb.column, padded};
+  Launch launch;
+  launch.pipeline =
+      &commands.device().pipeline("compositing/backward", {args.d_sdf_columns / 4, args.d_rgb_columns / 4});
+  launch.name = "compositing backward";
+  launch.groups = {padded_points(s.rays) / point_padding, 1, 1};
+  launch.bindings = {{s.sdf.slice, rows * s.sdf.stride * 4},
+                     {s.rgb.slice, rows * s.rgb.stride * 4},
+                     {s.points, rows * 16},
+                     {s.deltas, rows * 4},
+                     {s.parameters, (uint64_t(s.scale_index) + 1) * 4},
+                     {args.transmittances, rows * 4},
+                     {args.colors, uint64_t(s.rays) * 16},
+                     {args.d_colors, uint64_t(s.rays) * 16},
+                     {args.d_sdf.slice, uint64_t(padded) * args.d_sdf.stride * 4},
+                     {args.d_rgb.slice, uint64_t(padded) * args.d_rgb.stride * 4},
+                     {args.partials, partial_bytes(s.rays)}};
+  launch.push_constants = &constants;
+  launch.push_constant_bytes = sizeof(constants);
+  launch.cost = {static_cast<double>(rows) * 80,
+                 static_cast<double>(rows) * (32.0 + 4.0 * (args.d_sdf_columns + args.d_rgb_columns))};
+  commands.dispatch(launch);
+
+  SumArgs sum;
+  sum.name = "gradient of the density scale";
+  sum.rows = padded_points(s.rays) / point_padding;
+  sum.partials = args.partials;
+  sum.sums = args.gradients;
+  sum.sum_index = s.scale_index;
+  record_sum(commands, sum);
+}
+
+}  // namespace arah

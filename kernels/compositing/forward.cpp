@@ -1,0 +1,32 @@
+#include "kernels/compositing/forward.h"
+
+#include "kernels/compositing/sample_constants.h"
+
+namespace arah {
+
+void record_composite_forward(Commands& commands, const CompositeForwardArgs& args) {
+  const CompositeSamples& s = args.samples;
+  const shared::CompositeConstants constants = composite_constants(s, args.last_delta);
+  const uint64_t rows = uint64_t(s.rays) * s.samples, padded_rays = padded_points(s.rays);
+  const bool differences = args.delta_mode == DeltaMode::differences;
+  Launch launch;
+  launch.pipeline = &commands.device().pipeline("compositing/forward", {differences ? 1u : 0u});
+  launch.name = "compositing forward";
+  launch.groups = {padded_points(s.rays) / point_padding, 1, 1};
+  launch.bindings = {{s.sdf.slice, rows * s.sdf.stride * 4},
+                     {s.rgb.slice, rows * s.rgb.stride * 4},
+                     {s.points, rows * 16},
+                     {args.depths, rows * 4},
+                     {s.deltas, rows * 4},
+                     {s.parameters, (uint64_t(s.scale_index) + 1) * 4},
+                     {args.colors, padded_rays * 16},
+                     {args.ray_depths, padded_rays * 4},
+                     {args.weights, rows * 4},
+                     {args.transmittances, rows * 4}};
+  launch.push_constants = &constants;
+  launch.push_constant_bytes = sizeof(constants);
+  launch.cost = {static_cast<double>(rows) * 60, static_cast<double>(rows) * (differences ? 48 : 36)};
+  commands.dispatch(launch);
+}
+
+}  // namespace arah

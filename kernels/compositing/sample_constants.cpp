@@ -1,0 +1,20 @@
+#include "kernels/compositing/sample_constants.h"
+
+#include <fmt/format.h>
+
+#include <stdexcept>
+
+namespace arah {
+
+shared::CompositeConstants composite_constants(const CompositeSamples& s, float last_delta) {
+  if (s.rgb.stride % 4 || s.rgb.column % 4)
+    throw std::invalid_argument(fmt::format("compositing: colours of stride {} at column {}, multiples of 4 expected",
+                                            s.rgb.stride, s.rgb.column));
+  // lavapipe ends every invocation after 65,535 loop iterations, silently; the walk forward makes two loops.
+  if (s.samples > 30000)
+    throw std::invalid_argument(fmt::format("compositing: {} samples a ray, at most 30000 are possible", s.samples));
+  return {s.rays,       s.samples,     s.sdf.stride,      s.sdf.column, s.rgb.stride,
+          s.rgb.column, s.scale_index, s.metres_per_unit, last_delta};
+}
+
+}  // namespace arah

@@ -1,0 +1,21 @@
+// The samples of a batch of rays as compositing reads them, forward and backward alike.
+#pragma once
+
+#include "kernels/linear/matrix.h"
+
+namespace arah {
+
+// Row of a sample: ray · samples + sample, depths ascending along the ray.
+struct CompositeSamples {
+  uint32_t rays = 0;
+  uint32_t samples = 0;       // of each ray, at most 30,000
+  Matrix sdf;                 // its first column: the sdf network's value. Any stride: 4 reads x of a vec4 array
+  float metres_per_unit = 1;  // of that value
+  Matrix rgb;                 // 3 columns, [0, 1]; stride and column are multiples of 4
+  BufferSlice points;         // [rows] vec4; w = 0: the sample is skipped, whatever its numbers
+  BufferSlice deltas;         // [rows] float, metres
+  BufferSlice parameters;     // float
+  uint32_t scale_index = 0;   // of b's free parameter among them; b = |parameter| clipped to [1e-6, 1e6] metres
+};
+
+}  // namespace arah

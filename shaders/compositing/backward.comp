@@ -1,0 +1,80 @@
+// The way back through alpha compositing (kernels/reference/compositing.h). One invocation walks one ray from far to
+// near; without division by 1 − α, so that opaque rays have finite gradients:
+//   dL/dα = T (g − A),   A ← g α + (1 − α + 1e-7) A,   g = dL/dw = dL/drgb · c + dL/dΣw (where the clip lets it pass).
+// Writes (=) the gradients of sdf and colour, channels beyond theirs and padding rows as 0; leaves each workgroup's sum
+// of dL/dparameter of b in `partials`.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_scalar_block_layout : require
+#include "lib/density.glsl"
+#include "lib/stable.glsl"
+#include "lib/workgroup_sum.glsl"
+#include "shared/compositing.h"
+
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint d_sdf_quads = 2;  // channels / 4 that are written
+layout(constant_id = 1) const uint d_rgb_quads = 2;
+
+layout(push_constant, scalar) uniform Constants { CompositeBackwardConstants c; };
+layout(binding = 0, scalar) readonly buffer Sdf { float sdf[]; };
+layout(binding = 1, scalar) readonly buffer Rgb { vec4 rgb[]; };
+layout(binding = 2, scalar) readonly buffer Points { float points[]; };
+layout(binding = 3, scalar) readonly buffer Deltas { float deltas[]; };
+layout(binding = 4, scalar) readonly buffer Parameters { float parameters[]; };
+layout(binding = 5, scalar) readonly buffer Transmittances { float transmittances[]; };
+layout(binding = 6, scalar) readonly buffer Colors { vec4 colors[]; };
+layout(binding = 7, scalar) readonly buffer DColors { vec4 d_colors[]; };
+layout(binding = 8, scalar) writeonly buffer DSdf { vec4 d_sdf[]; };
+layout(binding = 9, scalar) writeonly buffer DRgb { vec4 d_rgb[]; };
+layout(binding = 10, scalar) writeonly buffer Partials { float partials[]; };
+
+void main() {
+  uint ray = gl_GlobalInvocationID.x;
+  uint rays = c.forward.rays;
+  bool real = ray < rays;
+  uint of_ray = min(ray, rays - 1u);
+  uint samples = c.forward.samples;
+  uint sdf_stride = c.forward.sdf_stride;
+  uint sdf_column = c.forward.sdf_column;
+  uint rgb_stride = c.forward.rgb_stride / 4u;
+  uint rgb_column = c.forward.rgb_column / 4u;
+  uint d_sdf_stride = c.d_sdf_stride / 4u;
+  uint d_sdf_column = c.d_sdf_column / 4u;
+  uint d_rgb_stride = c.d_rgb_stride / 4u;
+  uint d_rgb_column = c.d_rgb_column / 4u;
+  uint rows = c.rows;
+  float metres = c.forward.metres_per_unit;
+  float parameter = parameters[c.forward.scale_index];
+  float b = laplace_scale(parameter);
+  vec4 upstream = d_colors[of_ray];
+  float of_sum = colors[of_ray].w < 1.0 ? upstream.w : 0.0;
+
+  float behind = 0.0;
+  float d_b = 0.0;
+  for (uint k = samples; k > 0u; --k) {
+    uint read = of_ray * samples + k - 1u;
+    bool valid = real && points[4u * read + 3u] != 0.0;
+    float delta = deltas[read];
+    Density density = laplace_density(metres * sdf[read * sdf_stride + sdf_column], b);
+    float optical_depth = density.value * delta;
+    float passing = exp(-optical_depth);
+    float alpha = -stable_expm1(-optical_depth);
+    float transmittance = transmittances[read];
+    vec3 of_sample = rgb[read * rgb_stride + rgb_column].xyz;
+    float of_weight = dot(upstream.xyz, of_sample) + of_sum;
+    float of_density = transmittance * (of_weight - behind) * delta * passing;
+    behind = valid ? of_weight * alpha + (passing + 1e-7) * behind : behind;
+    d_b += valid ? of_density * density.d_b : 0.0;
+    vec4 sdf_gradient = valid ? vec4(metres * of_density * density.d_sdf, 0.0, 0.0, 0.0) : vec4(0.0);
+    vec4 rgb_gradient = valid ? vec4(alpha * transmittance * upstream.xyz, 0.0) : vec4(0.0);
+    uint row = ray * samples + k - 1u;
+    if (row < rows) {
+      d_sdf[row * d_sdf_stride + d_sdf_column] = sdf_gradient;
+      for (uint quad = 1u; quad < d_sdf_quads; ++quad) d_sdf[row * d_sdf_stride + d_sdf_column + quad] = vec4(0.0);
+      d_rgb[row * d_rgb_stride + d_rgb_column] = rgb_gradient;
+      for (uint quad = 1u; quad < d_rgb_quads; ++quad) d_rgb[row * d_rgb_stride + d_rgb_column + quad] = vec4(0.0);
+    }
+  }
+  float sum = workgroup_sum(real ? d_b * laplace_scale_derivative(parameter) : 0.0);
+  if (gl_LocalInvocationIndex == 0u) partials[gl_WorkGroupID.x] = sum;
+}

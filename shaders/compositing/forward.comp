@@ -1,0 +1,77 @@
+// Alpha compositing (ARAH.md section 6; kernels/reference/compositing.h). One invocation walks one ray from near to far:
+//   α = 1 − exp(−σδ),   w = α T,   T ← T (1 − α + 1e-7),   colour = Σ w c on black.
+// Reads the samples' sdf, colour, depth, δ and validity; writes per ray (rgb, Σw clipped to 1) and Σ w z, per sample
+// w and T (before the sample; the way back needs it). Invalid samples neither absorb nor count.
+// Where δ are differences of depths, a first walk from far to near writes them: to the next valid sample, `last_delta`
+// for the last one.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_scalar_block_layout : require
+#include "lib/density.glsl"
+#include "lib/stable.glsl"
+#include "shared/compositing.h"
+
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint deltas_are_differences = 0;
+
+layout(push_constant, scalar) uniform Constants { CompositeConstants c; };
+layout(binding = 0, scalar) readonly buffer Sdf { float sdf[]; };
+layout(binding = 1, scalar) readonly buffer Rgb { vec4 rgb[]; };
+layout(binding = 2, scalar) readonly buffer Points { float points[]; };  // 4 a sample; the last is 0 where invalid
+layout(binding = 3, scalar) readonly buffer Depths { float depths[]; };
+layout(binding = 4, scalar) buffer Deltas { float deltas[]; };
+layout(binding = 5, scalar) readonly buffer Parameters { float parameters[]; };
+layout(binding = 6, scalar) writeonly buffer Colors { vec4 colors[]; };
+layout(binding = 7, scalar) writeonly buffer RayDepths { float ray_depths[]; };
+layout(binding = 8, scalar) writeonly buffer Weights { float weights[]; };
+layout(binding = 9, scalar) writeonly buffer Transmittances { float transmittances[]; };
+
+void main() {
+  uint ray = gl_GlobalInvocationID.x;
+  bool real = ray < c.rays;
+  uint samples = c.samples;
+  uint first = min(ray, c.rays - 1u) * samples;
+  uint sdf_stride = c.sdf_stride;
+  uint sdf_column = c.sdf_column;
+  uint rgb_stride = c.rgb_stride / 4u;
+  uint rgb_column = c.rgb_column / 4u;
+  float metres = c.metres_per_unit;
+  float b = laplace_scale(parameters[c.scale_index]);
+
+  if (deltas_are_differences != 0u) {
+    float last_delta = c.last_delta;
+    bool is_last = true;
+    float next = 0.0;
+    for (uint k = samples; k > 0u; --k) {
+      uint row = first + k - 1u;
+      bool valid = points[4u * row + 3u] != 0.0;
+      float depth = depths[row];
+      float delta = is_last ? last_delta : next - depth;
+      if (real) deltas[row] = valid ? delta : 0.0;
+      next = valid ? depth : next;
+      is_last = is_last && !valid;
+    }
+  }
+
+  float transmittance = 1.0;
+  vec4 color = vec4(0.0);
+  float ray_depth = 0.0;
+  for (uint k = 0u; k < samples; ++k) {
+    uint row = first + k;
+    bool valid = points[4u * row + 3u] != 0.0;
+    float optical_depth = laplace_density(metres * sdf[row * sdf_stride + sdf_column], b).value * deltas[row];
+    float alpha = valid ? -stable_expm1(-optical_depth) : 0.0;
+    float through = valid ? exp(-optical_depth) + 1e-7 : 1.0;
+    float weight = alpha * transmittance;
+    vec3 of_sample = rgb[row * rgb_stride + rgb_column].xyz;
+    color += valid ? weight * vec4(of_sample, 1.0) : vec4(0.0);
+    ray_depth += valid ? weight * depths[row] : 0.0;
+    if (real) {
+      weights[row] = weight;
+      transmittances[row] = transmittance;
+    }
+    transmittance *= through;
+  }
+  colors[ray] = real ? vec4(color.xyz, min(color.w, 1.0)) : vec4(0.0);
+  ray_depths[ray] = real ? ray_depth : 0.0;
+}

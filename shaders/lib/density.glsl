@@ -1,0 +1,34 @@
+// Laplace density of a signed distance: the float32 twin of kernels/reference/density.h (ARAH.md section 6).
+//   outside (s > 0): σ = exp(−s/b) / 2b,   inside: σ = 1/b − exp(s/b) / 2b.
+#ifndef ARAH_LIB_DENSITY_GLSL
+#define ARAH_LIB_DENSITY_GLSL
+
+// b of its free parameter, metres.
+float laplace_scale(float parameter) { return clamp(abs(parameter), 1e-6, 1e6); }
+
+// db/dparameter: 0 beyond the bounds.
+float laplace_scale_derivative(float parameter) {
+  float size = abs(parameter);
+  return size >= 1e-6 && size <= 1e6 ? (parameter < 0.0 ? -1.0 : 1.0) : 0.0;
+}
+
+struct Density {
+  float value;  // 1/m
+  float d_sdf;
+  float d_b;
+};
+
+Density laplace_density(float sdf, float b) {
+  float inverse = 1.0 / b;
+  float u = abs(sdf) * inverse;
+  float tail = 0.5 * exp(-u) * inverse;
+  // An underflowed tail times an infinite u would be NaN.
+  float d_tail = tail > 0.0 ? tail * (u - 1.0) * inverse : 0.0;
+  Density density;
+  density.value = sdf > 0.0 ? tail : inverse - tail;
+  density.d_sdf = sdf == 0.0 ? 0.0 : -tail * inverse;
+  density.d_b = sdf > 0.0 ? d_tail : -inverse * inverse - d_tail;
+  return density;
+}
+
+#endif

@@ -1,0 +1,35 @@
+// Push constants of shaders/compositing. Valid in C++ and GLSL.
+#ifndef ARAH_SHARED_COMPOSITING_H
+#define ARAH_SHARED_COMPOSITING_H
+#ifdef __cplusplus
+#include "shaders/shared/glsl_types.h"
+namespace arah::shared {
+#endif
+
+struct CompositeConstants {
+  uint rays;
+  uint samples;     // of each ray
+  uint sdf_stride;  // floats
+  uint sdf_column;
+  uint rgb_stride;  // floats, multiples of 4
+  uint rgb_column;
+  uint scale_index;       // of b's free parameter among the parameters
+  float metres_per_unit;  // of the sdf network
+  float last_delta;       // metres
+};
+
+struct CompositeBackwardConstants {
+  CompositeConstants forward;
+  uint d_sdf_stride;  // floats, multiples of 4
+  uint d_sdf_column;
+  uint d_rgb_stride;
+  uint d_rgb_column;
+  uint rows;  // of the gradients, padding included
+};
+
+#ifdef __cplusplus
+static_assert(sizeof(CompositeConstants) == 36);
+static_assert(sizeof(CompositeBackwardConstants) == 56);
+}  // namespace arah::shared
+#endif
+#endif
