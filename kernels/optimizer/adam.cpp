@@ -1,0 +1,64 @@
+#include "kernels/optimizer/adam.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "kernels/linear/matrix.h"
+#include "kernels/optimizer/chunks.h"
+
+namespace arah {
+
+void record_adam(Commands& commands, const AdamArgs& args) {
+  if (args.step == 0) throw std::invalid_argument("adam: step 0; steps are counted from 1");
+  const uint64_t count = range_floats("adam", args.parameters.bytes);
+  const bool averaged = !args.averages.empty(), limited = !args.norms.empty();
+  std::vector<BufferSlice> parallel{args.gradients, args.first_moments, args.second_moments};
+  if (averaged) parallel.push_back(args.averages);
+  for (const BufferSlice& slice : parallel)
+    if (slice.bytes != args.parameters.bytes)
+      throw std::invalid_argument(fmt::format("adam: {} bytes of parameters beside {} bytes of a parallel range",
+                                              args.parameters.bytes, slice.bytes));
+
+  shared::AdamConstants constants;
+  constants.norm_index = args.norm_index;
+  constants.step_size = static_cast<float>(args.rate / (1 - std::pow(args.beta1, args.step)));
+  constants.beta1 = static_cast<float>(args.beta1);
+  constants.one_minus_beta1 = static_cast<float>(1 - args.beta1);
+  constants.beta2 = static_cast<float>(args.beta2);
+  constants.one_minus_beta2 = static_cast<float>(1 - args.beta2);
+  constants.inverse_correction2 = static_cast<float>(1 / (1 - std::pow(args.beta2, args.step)));
+  constants.epsilon = static_cast<float>(args.epsilon);
+  constants.weight_decay = static_cast<float>(args.weight_decay);
+  constants.one_minus_average_decay = static_cast<float>(1 - args.average_decay);
+  constants.gradient_unit = args.gradient_unit;
+
+  for (uint64_t first = 0; first < count; first += optimizer_chunk) {
+    const uint64_t floats = std::min(optimizer_chunk, count - first);
+    constants.eights = static_cast<uint32_t>(floats / 8);
+    const auto part = [&](const BufferSlice& slice) { return Binding(slice.elements(first, floats), floats * 4); };
+    Launch launch;
+    launch.pipeline =
+        &commands.device().pipeline("optimizer/adam", {args.lazy ? 1u : 0u, limited ? 1u : 0u, averaged ? 1u : 0u});
+    launch.name = args.lazy ? "adam, lazy" : "adam";
+    launch.groups = {padded_points(constants.eights) / point_padding, 1, 1};
+    // What is not used needs a buffer all the same.
+    launch.bindings = {part(args.parameters),
+                       part(args.gradients),
+                       part(args.first_moments),
+                       part(args.second_moments),
+                       part(averaged ? args.averages : args.parameters),
+                       limited ? Binding(args.norms, (uint64_t(args.norm_index) + 1) * sizeof(shared::GradientNorm))
+                               : part(args.parameters)};
+    launch.push_constants = &constants;
+    launch.push_constant_bytes = sizeof(constants);
+    launch.after_previous = first == 0;  // chunks touch different numbers
+    launch.cost = {static_cast<double>(floats) * 16, static_cast<double>(floats) * (averaged ? 36 : 28)};
+    commands.dispatch(launch);
+  }
+}
+
+}  // namespace arah
