@@ -1,0 +1,66 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "host/avatar/avatar_file.h"
+#include "host/avatar/spec_choice.h"
+#include "host/capture/inspect.h"
+#include "host/cli/command.h"
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+// What training would model for this capture, one line a part.
+std::string choice_text(const Capture& capture, const std::string& preset) {
+  std::string text = fmt::format("an avatar of the preset {} would have:\n", preset);
+  try {
+    for (const std::string& reason : choose_spec(preset, capture_facts(capture)).reasons) text += "  " + reason + "\n";
+  } catch (const InputError& error) {
+    // A capture for evaluation alone is worth inspecting too.
+    text = fmt::format("warning: no avatar can be trained from it: {}\n", error.what());
+  }
+  return text;
+}
+
+}  // namespace
+
+void add_inspect_command(CLI::App& program, Run& run) {
+  struct Options {
+    std::filesystem::path path;
+    std::string preset = "tiny";
+    int pictures = 6;
+  };
+  const auto options = std::make_shared<Options>();
+  CLI::App* command =
+      program.add_subcommand("inspect", "Say what a capture, motion, template or avatar holds, and what looks wrong");
+  command
+      ->add_option("PATH", options->path,
+                   "a capture's folder, a motion or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors)")
+      ->required();
+  command->add_option("--preset", options->preset, "sizes that the choice of an avatar's parts starts from")
+      ->check(CLI::IsMember(preset_names()))
+      ->capture_default_str();
+  command->add_option("--pictures", options->pictures, "pictures to read of each camera and split of a capture")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  command->footer("Example: arah inspect capture --preset paper");
+  command->callback([options, &run] {
+    run = [options] {
+      std::string report;
+      if (std::filesystem::is_directory(options->path)) {
+        const Capture capture = open_capture(options->path);
+        report = inspect_capture(capture, options->pictures) + choice_text(capture, options->preset);
+      } else if (options->path.extension() == ".safetensors") {
+        report = describe(load_avatar(options->path));
+      } else {
+        report = inspect(options->path);
+      }
+      fmt::print("{}", report);
+      return 0;
+    };
+  });
+}
+
+}  // namespace arah
