@@ -8,9 +8,9 @@
 
 namespace arah {
 
-// What a row holds, in this order: n(x) 3, view encoding 27, normal 3, SDF feature. Columns of a feature grid follow and
-// are written by record_feature_grid_forward. A frame's latent code is no part of the rows: it is constant over a batch,
-// and packing the weights folds it into the bias.
+// What a row holds, in this order: n(x) 3, view encoding 27, normal 3, SDF feature. Columns of a feature grid follow
+// and are written by record_feature_grid_forward. A frame's latent code is no part of the rows: it is constant over a
+// batch, and packing the weights folds it into the bias.
 struct ColorRow {
   bool view = false;
   bool normal = false;
@@ -32,7 +32,7 @@ struct AssembleInputsArgs {
   BufferSlice normals;           // vec4 [padded points]; read with row.normal, else may be empty
   Matrix feature;                // [points][feature_channels]; empty where feature_channels is 0
   Matrix rows;                   // [points][channels]
-  uint32_t channels = 0;         // of a row with its grid columns; columns from grid_column() to the padded width become 0
+  uint32_t channels = 0;  // of a row with its grid columns; columns from grid_column() to the padded width become 0
 };
 // Throws std::invalid_argument where `channels` is less than the parts need or a matrix is too narrow.
 void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args);
@@ -42,7 +42,8 @@ struct AssembleInputsBackwardArgs {
   ColorRow row;
   uint32_t points = 0;
   Matrix d_rows;           // [points][channels]
-  BufferSlice d_position;  // vec4 [padded points]: at n(x), per cube unit: the part that does not pass through the other inputs; w = 0
+  BufferSlice d_position;  // vec4 [padded points]: at n(x), per cube unit: the part that does not pass through the
+                           // other inputs; w = 0
   BufferSlice d_normal;    // vec4 [padded points], w = 0; may be empty without row.normal
   Matrix d_feature;        // [points][feature_channels], padding columns 0; empty where feature_channels is 0
 };

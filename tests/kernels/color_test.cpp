@@ -1,16 +1,17 @@
 // The colour network's inputs and the feature grids against the double-precision truth.
+#include "kernels/reference/color.h"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include "kernels/color/assemble_inputs.h"
 #include "kernels/color/feature_grid.h"
-#include "kernels/reference/color.h"
 #include "kernels/reference/feature_grid.h"
 #include "shaders/shared/frame.h"
 #include "shaders/shared/ray.h"
+#include "tests/kernels/closeness.h"
 #include "tests/kernels/device_fixture.h"
 
 namespace arah {
@@ -24,19 +25,6 @@ std::vector<double> columns(const std::vector<float>& rows, size_t points, size_
   for (size_t p = 0; p < points; ++p)
     for (size_t c = 0; c < count; ++c) result.push_back(rows.at(p * stride + first + c));
   return result;
-}
-
-void expect_close(const char* what, const std::vector<double>& found, const std::vector<double>& truth, double tolerance) {
-  ASSERT_EQ(found.size(), truth.size()) << what;
-  double largest = 0;
-  size_t where = 0;
-  for (size_t i = 0; i < truth.size(); ++i) {
-    const double error = std::abs(found[i] - truth[i]);
-    if (!(error <= largest)) largest = error, where = i;
-    if (std::isnan(error)) break;
-  }
-  std::printf("  %-44s largest difference %.2e\n", what, largest);
-  EXPECT_LE(largest, tolerance) << what << " at " << where << ": " << found[where] << ", truth " << truth[where];
 }
 
 class ColorTest : public DeviceTest {
@@ -62,9 +50,11 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
   const auto [row, ray_count, samples, grid_channels, column] = GetParam();
   const uint32_t points = ray_count * samples, padded = padded_points(points), padded_rays = padded_points(ray_count);
   const uint32_t channels = row.grid_column() + grid_channels;
-  const uint32_t stride = column + padded_channels(channels) + 8, feature_stride = padded_channels(row.feature_channels) + 16;
+  const uint32_t stride = column + padded_channels(channels) + 8,
+                 feature_stride = padded_channels(row.feature_channels) + 16;
 
-  const std::vector<float> canonical = uniform(padded * 4), normals = uniform(padded * 4, -3, 3), features = uniform(padded * feature_stride);
+  const std::vector<float> canonical = uniform(padded * 4), normals = uniform(padded * 4, -3, 3),
+                           features = uniform(padded * feature_stride);
   std::vector<Ray> rays(padded_rays);
   for (Ray& ray : rays) {
     const std::vector<float> direction = uniform(3);
@@ -72,8 +62,10 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
     ray.near = ray.far = nan;
   }
   const FrameConstants frame = frame_constants();
-  Buffer frame_buffer = filled("frame", std::vector<FrameConstants>{frame}), canonical_buffer = filled("canonical", canonical);
-  Buffer ray_buffer = filled("rays", rays), normal_buffer = filled("normals", normals), feature_buffer = filled("features", features);
+  Buffer frame_buffer = filled("frame", std::vector<FrameConstants>{frame}),
+         canonical_buffer = filled("canonical", canonical);
+  Buffer ray_buffer = filled("rays", rays), normal_buffer = filled("normals", normals),
+         feature_buffer = filled("features", features);
   Buffer row_buffer = filled("rows", std::vector<float>(padded * stride, nan));
 
   AssembleInputsArgs args;
@@ -100,16 +92,22 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
     }
   }
   inputs.feature = columns(features, points, feature_stride, 8, row.feature_channels);
-  inputs.grid.assign(size_t(points) * (padded_channels(channels) - row.grid_column()), 0.0);  // zeros up to the padded width
-  expect_close("rows", columns(rows, points, stride, column, padded_channels(channels)), reference::color_input(points, inputs), 3e-7);
+  inputs.grid.assign(size_t(points) * (padded_channels(channels) - row.grid_column()),
+                     0.0);  // zeros up to the padded width
+  expect_close("rows", columns(rows, points, stride, column, padded_channels(channels)),
+               reference::color_input(points, inputs), 3e-7);
   for (uint32_t p = 0; p < padded; ++p) {
-    for (uint32_t c = 0; c < column; ++c) ASSERT_TRUE(std::isnan(rows[p * stride + c])) << "column " << c << " is not the kernel's";
-    for (uint32_t c = column + padded_channels(channels); c < stride; ++c) ASSERT_TRUE(std::isnan(rows[p * stride + c])) << "column " << c;
+    for (uint32_t c = 0; c < column; ++c)
+      ASSERT_TRUE(std::isnan(rows[p * stride + c])) << "column " << c << " is not the kernel's";
+    for (uint32_t c = column + padded_channels(channels); c < stride; ++c)
+      ASSERT_TRUE(std::isnan(rows[p * stride + c])) << "column " << c;
   }
 
   const std::vector<float> d_rows = uniform(padded * stride);
-  Buffer d_row_buffer = filled("d rows", d_rows), d_position = filled("d position", std::vector<float>(padded * 4, nan));
-  Buffer d_normal = filled("d normal", std::vector<float>(padded * 4, nan)), d_feature = filled("d feature", std::vector<float>(padded * feature_stride, nan));
+  Buffer d_row_buffer = filled("d rows", d_rows),
+         d_position = filled("d position", std::vector<float>(padded * 4, nan));
+  Buffer d_normal = filled("d normal", std::vector<float>(padded * 4, nan)),
+         d_feature = filled("d feature", std::vector<float>(padded * feature_stride, nan));
   AssembleInputsBackwardArgs backward;
   backward.row = row;
   backward.points = points;
@@ -119,24 +117,31 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
   if (row.feature_channels > 0) backward.d_feature = {d_feature.slice(), feature_stride, 8};
   record_assemble_inputs_backward(commands, backward);
   commands.submit_and_wait();
-  EXPECT_EQ(columns(device.download<float>(d_position.slice()), points, 4, 0, 3), columns(d_rows, points, stride, column, 3));
+  EXPECT_EQ(columns(device.download<float>(d_position.slice()), points, 4, 0, 3),
+            columns(d_rows, points, stride, column, 3));
   if (row.normal) {
-    EXPECT_EQ(columns(device.download<float>(d_normal.slice()), points, 4, 0, 3), columns(d_rows, points, stride, column + row.feature_column() - 3, 3));
+    EXPECT_EQ(columns(device.download<float>(d_normal.slice()), points, 4, 0, 3),
+              columns(d_rows, points, stride, column + row.feature_column() - 3, 3));
   }
   if (row.feature_channels > 0) {
     const std::vector<float> found = device.download<float>(d_feature.slice());
-    EXPECT_EQ(columns(found, points, feature_stride, 8, row.feature_channels), columns(d_rows, points, stride, column + row.feature_column(), row.feature_channels));
+    EXPECT_EQ(columns(found, points, feature_stride, 8, row.feature_channels),
+              columns(d_rows, points, stride, column + row.feature_column(), row.feature_channels));
     const uint32_t padding = padded_channels(row.feature_channels) - row.feature_channels;
-    EXPECT_EQ(columns(found, points, feature_stride, 8 + row.feature_channels, padding), std::vector<double>(size_t(points) * padding, 0.0));
-    EXPECT_TRUE(std::isnan(found[0]) && std::isnan(found[8 + row.feature_channels + padding])) << "columns beside the feature are not the kernel's";
+    EXPECT_EQ(columns(found, points, feature_stride, 8 + row.feature_channels, padding),
+              std::vector<double>(size_t(points) * padding, 0.0));
+    EXPECT_TRUE(std::isnan(found[0]) && std::isnan(found[8 + row.feature_channels + padding]))
+        << "columns beside the feature are not the kernel's";
   }
 }
 
 // Every offset of the feature against the texels (33, 30, 6 and 3 columns before it), one point, more points than a
 // workgroup, several samples a ray, features that fill no texel.
 INSTANTIATE_TEST_SUITE_P(Parts, ColorRows,
-                         testing::Values(RowCase{{true, true, 256}, 13, 5, 8, 0}, RowCase{{true, false, 70}, 1, 1, 0, 8}, RowCase{{false, true, 5}, 65, 3, 4, 0},
-                                         RowCase{{false, false, 33}, 63, 1, 0, 16}, RowCase{{true, true, 0}, 200, 1, 0, 0}));
+                         testing::Values(RowCase{{true, true, 256}, 13, 5, 8, 0},
+                                         RowCase{{true, false, 70}, 1, 1, 0, 8}, RowCase{{false, true, 5}, 65, 3, 4, 0},
+                                         RowCase{{false, false, 33}, 63, 1, 0, 16},
+                                         RowCase{{true, true, 0}, 200, 1, 0, 0}));
 
 TEST_F(ColorTest, RefusesRowsThatAreTooNarrow) {
   AssembleInputsArgs args;
@@ -158,7 +163,8 @@ class FeatureGridTest : public ColorTest {
     for (uint32_t l = 0; l < shape.levels; ++l) {
       const auto [x, y, z] = shape.nodes[l];
       const size_t count = size_t(x) * y * z * 4;
-      grid.levels.push_back({{x, y, z}, 4, std::vector<double>(features.begin() + long(next), features.begin() + long(next + count))});
+      grid.levels.push_back(
+          {{x, y, z}, 4, std::vector<double>(features.begin() + long(next), features.begin() + long(next + count))});
       next += count;
     }
     return grid;
@@ -171,7 +177,8 @@ class FeatureGridTest : public ColorTest {
       std::vector<float> point = uniform(4);
       bool clear = true;
       for (size_t i = 0; i < 3; ++i) {
-        const double middle = (double(shape.lower[i]) + shape.upper[i]) / 2, half = (double(shape.upper[i]) - shape.lower[i]) / 2;
+        const double middle = (double(shape.lower[i]) + shape.upper[i]) / 2,
+                     half = (double(shape.upper[i]) - shape.lower[i]) / 2;
         point[i] = static_cast<float>(middle + point[i] * half * (1 + outside));
         for (uint32_t l = 0; l < shape.levels; ++l) {
           const double at = (point[i] - shape.lower[i]) / (2 * half) * (shape.nodes[l][i] - 1);
@@ -201,12 +208,15 @@ TEST_P(FeatureGrids, MatchTheTruthBothWays) {
   Buffer feature_buffer = filled("features", features), position_buffer = filled("positions", x);
   Buffer row_buffer = filled("rows", std::vector<float>(padded * stride, nan));
 
-  record_feature_grid_forward(commands, {shape, points, position_buffer.slice(), feature_buffer.slice(), {row_buffer.slice(), stride, 8}, first_column});
+  record_feature_grid_forward(
+      commands,
+      {shape, points, position_buffer.slice(), feature_buffer.slice(), {row_buffer.slice(), stride, 8}, first_column});
   commands.submit_and_wait();
   const std::vector<float> rows = device.download<float>(row_buffer.slice());
   const reference::FeatureGrid grid = truth(shape, features);
   const std::vector<double> x_truth = columns(x, points, 4, 0, 3);
-  expect_close("features", columns(rows, points, stride, 8 + first_column, shape.channels()), reference::feature_grid_forward(grid, points, x_truth), 5e-6);
+  expect_close("features", columns(rows, points, stride, 8 + first_column, shape.channels()),
+               reference::feature_grid_forward(grid, points, x_truth), 5e-6);
   for (uint32_t p = 0; p < padded; ++p) {
     for (uint32_t c = 0; c < stride; ++c) {
       const bool own = c >= 8 + first_column && c < 8 + first_column + shape.channels();
@@ -214,14 +224,18 @@ TEST_P(FeatureGrids, MatchTheTruthBothWays) {
     }
   }
 
-  const std::vector<float> d_rows = uniform(padded * stride), before = uniform(padded * 4), gradient_before = uniform(shape.feature_count());
-  Buffer d_row_buffer = filled("d rows", d_rows), d_position = filled("d position", before), gradient = filled("gradient", gradient_before);
-  Buffer sums = filled("sums", std::vector<int32_t>(shape.feature_count())), clamped = filled("clamped", std::vector<uint32_t>(1));
+  const std::vector<float> d_rows = uniform(padded * stride), before = uniform(padded * 4),
+                           gradient_before = uniform(shape.feature_count());
+  Buffer d_row_buffer = filled("d rows", d_rows), d_position = filled("d position", before),
+         gradient = filled("gradient", gradient_before);
+  Buffer sums = filled("sums", std::vector<int32_t>(shape.feature_count())),
+         clamped = filled("clamped", std::vector<uint32_t>(1));
   FeatureGridBackwardArgs args;
   args.shape = shape;
   args.points = points;
   args.max_contributions = points;
-  args.scale = std::min(std::floor(2147483647.0f / float(points)), 16777216.0f) / 2;  // |d| ≤ 1 stays well below the limit
+  args.scale =
+      std::min(std::floor(2147483647.0f / float(points)), 16777216.0f) / 2;  // |d| ≤ 1 stays well below the limit
   args.positions = position_buffer.slice();
   args.features = feature_buffer.slice();
   args.d_rows = {d_row_buffer.slice(), stride, 8};
@@ -236,31 +250,40 @@ TEST_P(FeatureGrids, MatchTheTruthBothWays) {
   commands.submit_and_wait();
 
   reference::FeatureGrid d_grid = grid.zeros();
-  std::vector<double> d_x = reference::feature_grid_backward(grid, points, x_truth, columns(d_rows, points, stride, 8 + first_column, shape.channels()), &d_grid);
+  std::vector<double> d_x = reference::feature_grid_backward(
+      grid, points, x_truth, columns(d_rows, points, stride, 8 + first_column, shape.channels()), &d_grid);
   std::vector<double> d_features;
-  for (const auto& level : d_grid.levels) d_features.insert(d_features.end(), level.features.begin(), level.features.end());
+  for (const auto& level : d_grid.levels)
+    d_features.insert(d_features.end(), level.features.begin(), level.features.end());
   for (size_t i = 0; i < d_features.size(); ++i) d_features[i] += gradient_before[i];
   const std::vector<float> found = device.download<float>(gradient.slice().elements(0, shape.feature_count()));
-  // a node of a small grid gets a share of every point: float weights err by 1e-7 of a cell's position, sums by their size
+  // a node of a small grid gets a share of every point: float weights err by 1e-7 of a cell's position, sums by their
+  // size
   double size = 1;
   for (double value : d_features) size = std::max(size, std::abs(value));
   expect_close("feature gradient", {found.begin(), found.end()}, d_features, 2e-6 * size + 0.5 * points / args.scale);
   EXPECT_EQ(device.download<uint32_t>(clamped.slice().elements(0, 1))[0], 0u);
-  EXPECT_EQ(device.download<int32_t>(sums.slice().elements(0, shape.feature_count())), std::vector<int32_t>(shape.feature_count(), 0));
+  EXPECT_EQ(device.download<int32_t>(sums.slice().elements(0, shape.feature_count())),
+            std::vector<int32_t>(shape.feature_count(), 0));
 
-  const double weight = position_gradient == PositionGradient::none ? 0 : 0.5, kept = position_gradient == PositionGradient::assign ? 0 : 1;
+  const double weight = position_gradient == PositionGradient::none ? 0 : 0.5,
+               kept = position_gradient == PositionGradient::assign ? 0 : 1;
   double largest = 1;
   for (size_t i = 0; i < d_x.size(); ++i) {
     largest = std::max(largest, std::abs(d_x[i]));
     d_x[i] = weight * d_x[i] + kept * before[i / 3 * 4 + i % 3];
   }
-  expect_close("position gradient", columns(device.download<float>(d_position.slice()), points, 4, 0, 3), d_x, 1e-5 * largest);
+  expect_close("position gradient", columns(device.download<float>(d_position.slice()), points, 4, 0, 3), d_x,
+               1e-5 * largest);
 }
 
-FeatureGridShape grid_shape(uint32_t levels) { return {{-0.5f, 0.25f, -2}, {1.5f, 1.25f, 3}, levels, {{{5, 7, 4}, {16, 11, 13}, {4, 1, 3}, {1, 1, 1}}}}; }
+FeatureGridShape grid_shape(uint32_t levels) {
+  return {{-0.5f, 0.25f, -2}, {1.5f, 1.25f, 3}, levels, {{{5, 7, 4}, {16, 11, 13}, {4, 1, 3}, {1, 1, 1}}}};
+}
 
 INSTANTIATE_TEST_SUITE_P(Shapes, FeatureGrids,
-                         testing::Values(GridCase{grid_shape(2), 1000, 3, PositionGradient::assign}, GridCase{grid_shape(4), 65, 1, PositionGradient::add},
+                         testing::Values(GridCase{grid_shape(2), 1000, 3, PositionGradient::assign},
+                                         GridCase{grid_shape(4), 65, 1, PositionGradient::add},
                                          GridCase{grid_shape(1), 1, 8, PositionGradient::none}));
 
 TEST_F(FeatureGridTest, CountsWhatItClampsAndNeverWraps) {
@@ -268,8 +291,10 @@ TEST_F(FeatureGridTest, CountsWhatItClampsAndNeverWraps) {
   const FeatureGridShape shape{{-1, -1, -1}, {1, 1, 1}, 1, {{{1, 1, 1}}}};
   const uint32_t points = 200;
   std::vector<float> x(padded_points(points) * 4, 0.25f), d(padded_points(points) * 8, 1e30f);
-  for (uint32_t p = 0; p < points; ++p) d[p * 8 + 1] = -std::numeric_limits<float>::infinity(), d[p * 8 + 2] = 1, d[p * 8 + 3] = p == 7 ? nan : 0.5f;
-  Buffer positions_buffer = filled("positions", x), features = filled("features", std::vector<float>(4)), d_rows = filled("d rows", d);
+  for (uint32_t p = 0; p < points; ++p)
+    d[p * 8 + 1] = -std::numeric_limits<float>::infinity(), d[p * 8 + 2] = 1, d[p * 8 + 3] = p == 7 ? nan : 0.5f;
+  Buffer positions_buffer = filled("positions", x), features = filled("features", std::vector<float>(4)),
+         d_rows = filled("d rows", d);
   Buffer sums = filled("sums", std::vector<int32_t>(4)), clamped = filled("clamped", std::vector<uint32_t>(1));
   FeatureGridBackwardArgs args;
   args.shape = shape;
@@ -283,7 +308,8 @@ TEST_F(FeatureGridTest, CountsWhatItClampsAndNeverWraps) {
   record_feature_grid_backward(commands, args);
   commands.submit_and_wait();
   const int32_t limit = 2147483647 / 200;
-  EXPECT_EQ(device.download<int32_t>(sums.slice().elements(0, 4)), (std::vector<int32_t>{200 * limit, -200 * limit, 200 * 1024, 199 * 512}));
+  EXPECT_EQ(device.download<int32_t>(sums.slice().elements(0, 4)),
+            (std::vector<int32_t>{200 * limit, -200 * limit, 200 * 1024, 199 * 512}));
   EXPECT_EQ(device.download<uint32_t>(clamped.slice())[0], points);
 }
 
@@ -292,9 +318,12 @@ TEST_F(FeatureGridTest, ShowsANaNPosition) {
   std::vector<float> x = positions(shape, 64, 0);
   x[4 * 3 + 1] = nan;
   const std::vector<float> all_features = uniform(shape.feature_count());
-  Buffer positions_buffer = filled("positions", x), features = filled("features", all_features), rows = filled("rows", std::vector<float>(64 * 8));
-  Buffer sums = filled("sums", std::vector<int32_t>(shape.feature_count())), clamped = filled("clamped", std::vector<uint32_t>(1));
-  record_feature_grid_forward(commands, {shape, 64, positions_buffer.slice(), features.slice(), {rows.slice(), 8, 0}, 0});
+  Buffer positions_buffer = filled("positions", x), features = filled("features", all_features),
+         rows = filled("rows", std::vector<float>(64 * 8));
+  Buffer sums = filled("sums", std::vector<int32_t>(shape.feature_count())),
+         clamped = filled("clamped", std::vector<uint32_t>(1));
+  record_feature_grid_forward(commands,
+                              {shape, 64, positions_buffer.slice(), features.slice(), {rows.slice(), 8, 0}, 0});
   FeatureGridBackwardArgs args;
   args.shape = shape;
   args.points = args.max_contributions = 64;

@@ -1,4 +1,6 @@
 // Both families of linear kernels against the double-precision truth.
+#include "kernels/linear/linear.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -7,9 +9,9 @@
 #include <limits>
 #include <optional>
 
-#include "kernels/linear/linear.h"
 #include "kernels/reference/linear.h"
 #include "shaders/shared/work_count.h"
+#include "tests/kernels/closeness.h"
 #include "tests/kernels/device_fixture.h"
 #include "tests/kernels/linear_truth.h"
 
@@ -26,8 +28,10 @@ class FamilyChoice {
     setenv("ARAH_LINEAR", family, 1);
   }
   ~FamilyChoice() {
-    if (before_) setenv("ARAH_LINEAR", before_->c_str(), 1);
-    else unsetenv("ARAH_LINEAR");
+    if (before_)
+      setenv("ARAH_LINEAR", before_->c_str(), 1);
+    else
+      unsetenv("ARAH_LINEAR");
   }
   FamilyChoice(const FamilyChoice&) = delete;
   FamilyChoice& operator=(const FamilyChoice&) = delete;
@@ -48,7 +52,8 @@ struct TestMatrix {
 class LinearTest : public DeviceTest {
  protected:
   // Channels of all padded points: `values`, or NaN where it is empty.
-  TestMatrix matrix(const std::string& name, uint32_t points, uint32_t channels, const std::vector<float>& values = {}) {
+  TestMatrix matrix(const std::string& name, uint32_t points, uint32_t channels,
+                    const std::vector<float>& values = {}) {
     const uint32_t padded = padded_points(points), stride = channels + 16;
     std::vector<float> all(size_t(padded) * stride, nan);
     if (!values.empty())
@@ -64,8 +69,10 @@ class LinearTest : public DeviceTest {
     for (uint32_t p = 0; p < m.points; ++p) {
       for (uint32_t c = 0; c < m.stride; ++c) {
         const float value = all[size_t(p) * m.stride + c];
-        if (c >= 8 && c < 8 + m.channels) rows.push_back(value);
-        else EXPECT_TRUE(std::isnan(value)) << m.name << ": column " << c << " is not the kernel's";
+        if (c >= 8 && c < 8 + m.channels)
+          rows.push_back(value);
+        else
+          EXPECT_TRUE(std::isnan(value)) << m.name << ": column " << c << " is not the kernel's";
       }
     }
     return rows;
@@ -82,9 +89,13 @@ class LinearTest : public DeviceTest {
 };
 
 // Rounding of a sum of `terms` products of numbers up to 1 in size, in any order.
-double sum_tolerance(uint32_t terms) { return 1e-7 * terms + 5e-7; }
+double sum_tolerance(uint32_t terms) {
+  return 1e-7 * terms + 5e-7;
+}
 
-reference::Activation truth_of(Activation activation) { return static_cast<reference::Activation>(activation); }
+reference::Activation truth_of(Activation activation) {
+  return static_cast<reference::Activation>(activation);
+}
 
 // Sizes are padded widths: what the kernels see.
 struct ForwardCase {
@@ -92,7 +103,10 @@ struct ForwardCase {
   Activation activation;
   uint32_t inputs, outputs, points;
 };
-void PrintTo(const ForwardCase& c, std::ostream* out) { *out << c.family << ", activation " << static_cast<int>(c.activation) << ", " << c.inputs << " to " << c.outputs << ", " << c.points << " points"; }
+void PrintTo(const ForwardCase& c, std::ostream* out) {
+  *out << c.family << ", activation " << static_cast<int>(c.activation) << ", " << c.inputs << " to " << c.outputs
+       << ", " << c.points << " points";
+}
 
 class LinearForward : public LinearTest, public testing::WithParamInterface<ForwardCase> {};
 
@@ -102,7 +116,8 @@ TEST_P(LinearForward, MatchesTheTruth) {
   const EffectiveWeights layer = weights(inputs, outputs);
   const std::vector<float> x = uniform(size_t(padded_points(points)) * inputs);
   Buffer forward = filled("weights", packed_forward(layer));
-  TestMatrix x_matrix = matrix("x", points, inputs, x), y = matrix("y", points, outputs), cosine = matrix("cosine", points, outputs);
+  TestMatrix x_matrix = matrix("x", points, inputs, x), y = matrix("y", points, outputs),
+             cosine = matrix("cosine", points, outputs);
   LinearForwardArgs args;
   args.x = x_matrix.matrix();
   args.weights = {inputs, outputs, forward.slice(), {}};
@@ -115,7 +130,8 @@ TEST_P(LinearForward, MatchesTheTruth) {
 
   const reference::LinearShape shape{points, inputs, outputs};
   const std::vector<double> x_truth = real_rows(x, points, inputs);
-  expect_close("value", result(y), reference::linear_forward(shape, x_truth, layer.w, layer.b, truth_of(activation)), sum_tolerance(inputs));
+  expect_close("value", result(y), reference::linear_forward(shape, x_truth, layer.w, layer.b, truth_of(activation)),
+               sum_tolerance(inputs));
   if (activation == Activation::sine) {
     std::vector<double> truth = reference::linear_pre_activation(shape, x_truth, layer.w, layer.b);
     for (double& value : truth) value = std::cos(value);
@@ -123,8 +139,10 @@ TEST_P(LinearForward, MatchesTheTruth) {
   }
 }
 
-constexpr ForwardCase forward_cases[] = {{"", Activation::none, 8, 8, 1},       {"", Activation::relu, 40, 72, 65},   {"", Activation::leaky_relu, 24, 16, 64},
-                                         {"", Activation::softplus, 16, 24, 63}, {"", Activation::sine, 80, 48, 130}, {"", Activation::sigmoid, 8, 8, 1000}};
+constexpr ForwardCase forward_cases[] = {
+    {"", Activation::none, 8, 8, 1},          {"", Activation::relu, 40, 72, 65},
+    {"", Activation::leaky_relu, 24, 16, 64}, {"", Activation::softplus, 16, 24, 63},
+    {"", Activation::sine, 80, 48, 130},      {"", Activation::sigmoid, 8, 8, 1000}};
 
 template <typename Case, size_t count>
 std::vector<Case> both_families(const Case (&cases)[count]) {
@@ -146,7 +164,10 @@ struct GradientCase {
   bool before, after, raw;
   uint32_t inputs, outputs, points;
 };
-void PrintTo(const GradientCase& c, std::ostream* out) { *out << c.family << ", derivative " << static_cast<int>(c.below) << (c.before ? ", before" : "") << (c.after ? ", after" : "") << (c.raw ? ", raw" : ""); }
+void PrintTo(const GradientCase& c, std::ostream* out) {
+  *out << c.family << ", derivative " << static_cast<int>(c.below) << (c.before ? ", before" : "")
+       << (c.after ? ", after" : "") << (c.raw ? ", raw" : "");
+}
 
 class LinearInputGradient : public LinearTest, public testing::WithParamInterface<GradientCase> {};
 
@@ -155,17 +176,20 @@ TEST_P(LinearInputGradient, MatchesTheTruth) {
   const FamilyChoice choice(family);
   const EffectiveWeights layer = weights(inputs, outputs);
   const size_t rows = padded_points(points);
-  const std::vector<float> dy = uniform(rows * outputs), before = uniform(rows * inputs), after = uniform(rows * inputs);
+  const std::vector<float> dy = uniform(rows * outputs), before = uniform(rows * inputs),
+                           after = uniform(rows * inputs);
   // pre-activations of the layer below, small enough that the bend of the softplus is met
   const std::vector<float> below_pre = uniform(rows * inputs, -0.3, 0.3);
   std::vector<float> stored(below_pre.size());
   for (size_t i = 0; i < stored.size(); ++i) {
     const double pre = below_pre[i];
-    stored[i] = static_cast<float>(below == Activation::sine ? std::cos(pre) : reference::activate(truth_of(below), pre));
+    stored[i] =
+        static_cast<float>(below == Activation::sine ? std::cos(pre) : reference::activate(truth_of(below), pre));
   }
   Buffer transposed = filled("weights", packed_transposed(layer));
   TestMatrix dy_matrix = matrix("dy", points, outputs, dy), stored_matrix = matrix("stored", points, inputs, stored);
-  TestMatrix before_matrix = matrix("before", points, inputs, before), after_matrix = matrix("after", points, inputs, after);
+  TestMatrix before_matrix = matrix("before", points, inputs, before),
+             after_matrix = matrix("after", points, inputs, after);
   TestMatrix found = matrix("result", points, inputs), raw = matrix("raw", points, inputs);
   LinearInputGradientArgs args;
   args.dy = dy_matrix.matrix();
@@ -180,10 +204,13 @@ TEST_P(LinearInputGradient, MatchesTheTruth) {
   record_linear_input_gradient(commands, args);
   commands.submit_and_wait();
 
-  std::vector<double> truth = reference::linear_input_gradient({points, inputs, outputs}, real_rows(dy, points, outputs), layer.w), raw_truth = truth;
+  std::vector<double> truth = reference::linear_input_gradient({points, inputs, outputs},
+                                                               real_rows(dy, points, outputs), layer.w),
+                      raw_truth = truth;
   for (size_t i = 0; i < truth.size(); ++i) {
     raw_truth[i] += has_before ? before[i] : 0;
-    truth[i] = raw_truth[i] * reference::activate_derivative(truth_of(below), below_pre[i]) + (has_after ? after[i] : 0);
+    truth[i] =
+        raw_truth[i] * reference::activate_derivative(truth_of(below), below_pre[i]) + (has_after ? after[i] : 0);
   }
   // the softplus's derivative comes from its value: 100 times its rounding
   const double derivative_error = below == Activation::softplus ? 1e-6 * std::sqrt(double(outputs)) : 0;
@@ -191,9 +218,12 @@ TEST_P(LinearInputGradient, MatchesTheTruth) {
   if (has_raw) expect_close("gradient before the derivative", result(raw), raw_truth, sum_tolerance(outputs));
 }
 
-constexpr GradientCase gradient_cases[] = {{"", Activation::none, false, false, false, 24, 8, 1},      {"", Activation::relu, true, false, false, 16, 40, 65},
-                                           {"", Activation::leaky_relu, false, true, false, 72, 24, 64}, {"", Activation::softplus, true, true, true, 8, 72, 63},
-                                           {"", Activation::sine, false, true, true, 48, 80, 130},      {"", Activation::sigmoid, false, false, true, 32, 16, 300}};
+constexpr GradientCase gradient_cases[] = {{"", Activation::none, false, false, false, 24, 8, 1},
+                                           {"", Activation::relu, true, false, false, 16, 40, 65},
+                                           {"", Activation::leaky_relu, false, true, false, 72, 24, 64},
+                                           {"", Activation::softplus, true, true, true, 8, 72, 63},
+                                           {"", Activation::sine, false, true, true, 48, 80, 130},
+                                           {"", Activation::sigmoid, false, false, true, 32, 16, 300}};
 INSTANTIATE_TEST_SUITE_P(Derivatives, LinearInputGradient, testing::ValuesIn(both_families(gradient_cases)));
 
 class LinearFamilies : public LinearTest, public testing::WithParamInterface<const char*> {
@@ -206,12 +236,15 @@ TEST_P(LinearFamilies, CarryATangentThroughASineLayer) {
   const uint32_t inputs = 40, outputs = 72, points = 65;
   const size_t rows = padded_points(points);
   const EffectiveWeights layer = weights(inputs, outputs);
-  const std::vector<float> x = uniform(rows * inputs), phase = uniform(rows * outputs, -4, 4), adjoint = uniform(rows * outputs);
+  const std::vector<float> x = uniform(rows * inputs), phase = uniform(rows * outputs, -4, 4),
+                           adjoint = uniform(rows * outputs);
   std::vector<float> sine(phase.size()), cosine(phase.size());
   for (size_t i = 0; i < phase.size(); ++i) sine[i] = std::sin(phase[i]), cosine[i] = std::cos(phase[i]);
   Buffer forward = filled("weights", packed_forward(layer));
-  TestMatrix x_matrix = matrix("x", points, inputs, x), sine_matrix = matrix("sine", points, outputs, sine), cosine_matrix = matrix("cosine", points, outputs, cosine);
-  TestMatrix adjoint_matrix = matrix("adjoint", points, outputs, adjoint), y = matrix("y", points, outputs), curvature = matrix("curvature", points, outputs);
+  TestMatrix x_matrix = matrix("x", points, inputs, x), sine_matrix = matrix("sine", points, outputs, sine),
+             cosine_matrix = matrix("cosine", points, outputs, cosine);
+  TestMatrix adjoint_matrix = matrix("adjoint", points, outputs, adjoint), y = matrix("y", points, outputs),
+             curvature = matrix("curvature", points, outputs);
   LinearTangentArgs args;
   args.x = x_matrix.matrix();
   args.weights = {inputs, outputs, forward.slice(), {}};
@@ -224,7 +257,8 @@ TEST_P(LinearFamilies, CarryATangentThroughASineLayer) {
   record_linear_tangent(commands, args);
   commands.submit_and_wait();
 
-  const std::vector<double> a = reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, {});
+  const std::vector<double> a =
+      reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, {});
   std::vector<double> y_truth(a.size()), curvature_truth(a.size());
   for (size_t i = 0; i < a.size(); ++i) {
     y_truth[i] = a[i] * cosine[i];
@@ -238,7 +272,8 @@ TEST_P(LinearFamilies, TakeTheNumberOfPointsFromTheDevice) {
   const uint32_t inputs = 16, outputs = 136, capacity = 200, points = 100;  // three tiles of 64 outputs
   const EffectiveWeights layer = weights(inputs, outputs);
   const std::vector<float> x = uniform(size_t(padded_points(capacity)) * inputs);
-  Buffer forward = filled("weights", packed_forward(layer)), count = filled("count", std::vector<WorkCount>{{2, 1, 1, points}});
+  Buffer forward = filled("weights", packed_forward(layer)),
+         count = filled("count", std::vector<WorkCount>{{2, 1, 1, points}});
   TestMatrix x_matrix = matrix("x", capacity, inputs, x), y = matrix("y", capacity, outputs);
   LinearForwardArgs args;
   args.x = x_matrix.matrix();
@@ -249,9 +284,11 @@ TEST_P(LinearFamilies, TakeTheNumberOfPointsFromTheDevice) {
   commands.submit_and_wait();
 
   const std::vector<double> all = result(y);
-  const std::vector<double> truth = reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, layer.b);
+  const std::vector<double> truth =
+      reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, layer.b);
   expect_close("value", {all.begin(), all.begin() + long(points) * outputs}, truth, sum_tolerance(inputs));
-  for (size_t i = size_t(128) * outputs; i < all.size(); ++i) ASSERT_TRUE(std::isnan(all[i])) << "point " << i / outputs << " is beyond the count";
+  for (size_t i = size_t(128) * outputs; i < all.size(); ++i)
+    ASSERT_TRUE(std::isnan(all[i])) << "point " << i / outputs << " is beyond the count";
 }
 
 TEST_P(LinearFamilies, AddUpTheWeightGradient) {
@@ -260,7 +297,8 @@ TEST_P(LinearFamilies, AddUpTheWeightGradient) {
     bool accumulate, with_bias;
   };
   for (const auto [inputs, outputs, points, accumulate, with_bias] :
-       {Case{8, 8, 1, false, true}, Case{40, 72, 1000, true, true}, Case{136, 16, 65, false, false}, Case{72, 136, 8300, false, true}}) {
+       {Case{8, 8, 1, false, true}, Case{40, 72, 1000, true, true}, Case{136, 16, 65, false, false},
+        Case{72, 136, 8300, false, true}}) {
     SCOPED_TRACE(testing::Message() << inputs << " to " << outputs << ", " << points << " points");
     const size_t rows = padded_points(points);
     const std::vector<float> x = uniform(rows * inputs), before = uniform(size_t(inputs + 1) * outputs);
@@ -288,18 +326,24 @@ TEST_P(LinearFamilies, AddUpTheWeightGradient) {
       std::copy(before.begin(), before.begin() + long(d_w.size()), d_w.begin());
       std::copy(before.end() - outputs, before.end(), d_b.begin());
     }
-    reference::linear_weight_gradient({points, inputs, outputs}, real_rows(x, points, inputs), real_rows(dy, points, outputs), d_w, d_b);
+    reference::linear_weight_gradient({points, inputs, outputs}, real_rows(x, points, inputs),
+                                      real_rows(dy, points, outputs), d_w, d_b);
     const std::vector<float> found = device.download<float>(total.slice().elements(0, before.size()));
     const double tolerance = sum_tolerance(0) + 1e-8 * points + 2e-7 * std::sqrt(double(points));
     expect_close("weights", {found.begin(), found.end() - outputs}, d_w, tolerance);
-    if (with_bias) expect_close("bias", {found.end() - outputs, found.end()}, d_b, tolerance);
-    else EXPECT_TRUE(std::equal(found.end() - outputs, found.end(), before.end() - outputs)) << "the bias's row is not to be touched";
+    if (with_bias)
+      expect_close("bias", {found.end() - outputs, found.end()}, d_b, tolerance);
+    else
+      EXPECT_TRUE(std::equal(found.end() - outputs, found.end(), before.end() - outputs))
+          << "the bias's row is not to be touched";
 
     // the same bits again
     device.upload(total.slice(), before);
     record_linear_weight_gradient(commands, args);
     commands.submit_and_wait();
-    EXPECT_EQ(std::memcmp(device.download<float>(total.slice().elements(0, before.size())).data(), found.data(), found.size() * 4), 0);
+    EXPECT_EQ(std::memcmp(device.download<float>(total.slice().elements(0, before.size())).data(), found.data(),
+                          found.size() * 4),
+              0);
   }
 }
 
@@ -344,9 +388,11 @@ TEST_F(LinearTest, TakesTheLastActivationsDerivative) {
   std::vector<double> truth;
   for (size_t i = 0; i < pre.size(); ++i) {
     stored[i] = static_cast<float>(reference::sigmoid(pre[i]));
-    if (i < size_t(points) * channels) truth.push_back(dy[i] * reference::activate_derivative(reference::Activation::sigmoid, pre[i]));
+    if (i < size_t(points) * channels)
+      truth.push_back(dy[i] * reference::activate_derivative(reference::Activation::sigmoid, pre[i]));
   }
-  TestMatrix dy_matrix = matrix("dy", points, channels, dy), stored_matrix = matrix("stored", points, channels, stored), found = matrix("result", points, channels);
+  TestMatrix dy_matrix = matrix("dy", points, channels, dy), stored_matrix = matrix("stored", points, channels, stored),
+             found = matrix("result", points, channels);
   ActivationGradientArgs args;
   args.dy = dy_matrix.matrix();
   args.stored = stored_matrix.matrix();
