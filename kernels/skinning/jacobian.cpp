@@ -18,12 +18,9 @@ void record_jacobian(Commands& commands, const JacobianArgs& args) {
   launch.name = "skinning Jacobian";
   launch.groups = {padded_points(rows) / point_padding, 1, 1};
   launch.indirect = args.range.indirect;
-  launch.bindings = {{args.frame, sizeof(FrameConstants)},
-                     {args.transforms, 3 * vec4_bytes(rows)},
-                     matrix_binding(args.gradients[0], rows),
-                     matrix_binding(args.gradients[1], rows),
-                     matrix_binding(args.gradients[2], rows),
-                     {args.jacobians, 3 * vec4_bytes(rows)}};
+  launch.bindings = {{args.frame, sizeof(FrameConstants)},    {args.transforms, 3 * vec4_bytes(rows)},
+                     matrix_binding(args.gradients[0], rows), matrix_binding(args.gradients[1], rows),
+                     matrix_binding(args.gradients[2], rows), {args.jacobians, 3 * vec4_bytes(rows)}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   launch.cost = {rows * 18.0, rows * 4.0 * 33};

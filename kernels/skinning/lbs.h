@@ -1,4 +1,5 @@
-// Linear blend skinning of canonical points with the skinning network's weights (paper, section 3.2; ARAH.md section 2).
+// Linear blend skinning of canonical points with the skinning network's weights (paper, section 3.2; ARAH.md section
+// 2).
 #pragma once
 
 #include "kernels/skinning/joint_tree.h"
@@ -6,8 +7,8 @@
 
 namespace arah {
 
-// x_bar = Σ_b w_b B_b x with w = hierarchical softmax of 20 · logits. Finite at any finite logits; NaN where one is not.
-// Rows past the count become zeros.
+// x_bar = Σ_b w_b B_b x with w = hierarchical softmax of 20 · logits. Finite at any finite logits; NaN where one is
+// not. Rows past the count become zeros.
 struct LbsArgs {
   const JointTree* tree = nullptr;
   Rows rows;

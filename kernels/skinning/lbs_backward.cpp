@@ -13,7 +13,8 @@ void record_lbs_backward(Commands& commands, const LbsBackwardArgs& args) {
   const JointTree& tree = *args.tree;
   const uint32_t rows = args.rows.range.points, joints = tree.joints();
   const bool reads = args.component == 3, direct = !args.d_canonical.empty();
-  if (args.component > 3) throw std::invalid_argument(fmt::format("skinning backward: component {}, expected 0 to 3", args.component));
+  if (args.component > 3)
+    throw std::invalid_argument(fmt::format("skinning backward: component {}, expected 0 to 3", args.component));
   check_channels("skinning backward: logits", args.logits, tree.logits());
   check_channels("skinning backward: d_logits", args.d_logits, tree.logits());
 
@@ -21,8 +22,8 @@ void record_lbs_backward(Commands& commands, const LbsBackwardArgs& args) {
   for (const uint32_t constant : rows_specialization(args.rows)) specialization.push_back(constant);
   specialization.push_back(args.component);
   specialization.push_back(direct);
-  const shared::LbsBackwardConstants constants{rows, args.logits.stride / 4, args.logits.column / 4, args.d_logits.stride / 8,
-                                               args.d_logits.column / 8};
+  const shared::LbsBackwardConstants constants{rows, args.logits.stride / 4, args.logits.column / 4,
+                                               args.d_logits.stride / 8, args.d_logits.column / 8};
   Launch launch;
   launch.pipeline = &commands.device().pipeline("skinning/lbs_backward", specialization);
   launch.name = "linear blend skinning backward";

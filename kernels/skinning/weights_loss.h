@@ -6,8 +6,8 @@
 
 namespace arah {
 
-// weight / points · Σ_points Σ_b |w_b − target_b|, added to losses[slot] in a fixed order, and its gradient at the logits
-// (assigned; padding rows and columns 0; at w_b = target_b the derivative of |·| is 0).
+// weight / points · Σ_points Σ_b |w_b − target_b|, added to losses[slot] in a fixed order, and its gradient at the
+// logits (assigned; padding rows and columns 0; at w_b = target_b the derivative of |·| is 0).
 struct WeightsLossArgs {
   const JointTree* tree = nullptr;
   uint32_t points = 0;
@@ -15,9 +15,9 @@ struct WeightsLossArgs {
   BufferSlice target_joints;   // uint32 by point: four joints of 8 bits, the first in the lowest bits
   BufferSlice target_weights;  // vec4 by point; a joint named twice counts twice, an unused place has weight 0
   float weight = 1;
-  Matrix d_logits;       // out, [points][tree.logits()]
-  BufferSlice scratch;   // partial_bytes(points) of kernels/reduction/sum.h
-  BufferSlice losses;    // float [terms]
+  Matrix d_logits;      // out, [points][tree.logits()]
+  BufferSlice scratch;  // partial_bytes(points) of kernels/reduction/sum.h
+  BufferSlice losses;   // float [terms]
   uint32_t slot = 0;
 };
 void record_weights_loss(Commands& commands, const WeightsLossArgs& args);

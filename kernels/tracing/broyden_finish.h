@@ -10,11 +10,12 @@ namespace arah {
 struct BroydenFinishArgs {
   uint32_t points = 0;
   BroydenState state;
-  BufferSlice rays;       // Ray by point; Unknowns::point_and_depth alone
-  BufferSlice canonical;  // out, vec4 by point: the iterate with the smallest residual, metres; w = 1 where it converged
-                          // (for rays: within [near, far] too), else 0. Zeros where nothing was started or finite.
-  BufferSlice depth;      // out, float by point: its depth, metres; Unknowns::point_and_depth alone
-  BufferSlice counts;     // shared::SearchCounts, +=
+  BufferSlice rays;  // Ray by point; Unknowns::point_and_depth alone
+  BufferSlice
+      canonical;       // out, vec4 by point: the iterate with the smallest residual, metres; w = 1 where it converged
+                       // (for rays: within [near, far] too), else 0. Zeros where nothing was started or finite.
+  BufferSlice depth;   // out, float by point: its depth, metres; Unknowns::point_and_depth alone
+  BufferSlice counts;  // shared::SearchCounts, +=
 };
 void record_broyden_finish(Commands& commands, const BroydenFinishArgs& args);
 

@@ -1,7 +1,7 @@
 // The device's memory of a root search by Broyden's method (kernels/reference/broyden.h; ARAH.md section 5).
-// The host's loop: LBS (and for the joint search sdf, its gradient and the Jacobian) at the starts, record_broyden_start;
-// then, at most 50 times, LBS (and sdf) at iterates() of the active rows, record_broyden_step, record_compact of `active`;
-// at the end record_broyden_finish.
+// The host's loop: LBS (and for the joint search sdf, its gradient and the Jacobian) at the starts,
+// record_broyden_start; then, at most 50 times, LBS (and sdf) at iterates() of the active rows, record_broyden_step,
+// record_compact of `active`; at the end record_broyden_finish.
 #pragma once
 
 #include <algorithm>
@@ -33,10 +33,14 @@ struct BroydenState {
   // 4 out of iterations), 0.
   BufferSlice status() const { return plane(4); }
   // Three vec4 by point, with keeps_transforms: Σ_b w_b B_b at the best iterate.
-  BufferSlice transforms() const { return slice.sub(uint64_t(planes(unknowns)) * capacity * 16, uint64_t(capacity) * 48); }
+  BufferSlice transforms() const {
+    return slice.sub(uint64_t(planes(unknowns)) * capacity * 16, uint64_t(capacity) * 48);
+  }
 
  private:
-  BufferSlice plane(uint32_t number) const { return slice.sub(uint64_t(number) * capacity * 16, uint64_t(capacity) * 16); }
+  BufferSlice plane(uint32_t number) const {
+    return slice.sub(uint64_t(number) * capacity * 16, uint64_t(capacity) * 16);
+  }
 };
 
 // What the joint search reads besides: the rays, and the sdf at the rows' points.

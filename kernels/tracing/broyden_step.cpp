@@ -14,14 +14,9 @@ void record_broyden_step(Commands& commands, const BroydenStepArgs& args) {
   std::vector<uint32_t> specialization = rows_specialization(args.rows);
   specialization.push_back(static_cast<uint32_t>(state.unknowns));
   specialization.push_back(state.keeps_transforms);
-  const shared::BroydenStepConstants constants{rows,
-                                               state.capacity,
-                                               args.surface.sdf.stride / 4,
-                                               args.surface.sdf.column / 4,
-                                               args.max_iterations,
-                                               args.tolerance,
-                                               args.divergence,
-                                               args.denominator_offset};
+  const shared::BroydenStepConstants constants{
+      rows,           state.capacity,  args.surface.sdf.stride / 4, args.surface.sdf.column / 4, args.max_iterations,
+      args.tolerance, args.divergence, args.denominator_offset};
   const Binding unused{args.posed};
   Launch launch;
   launch.pipeline = &commands.device().pipeline("tracing/broyden_step", specialization);

@@ -6,8 +6,8 @@
 
 namespace arah {
 
-// Takes the residual at state.iterates() of the rows' points, keeps the best iterate, and writes the next one. Rows whose
-// points have ended are left alone, so that compaction may come as seldom as the caller likes.
+// Takes the residual at state.iterates() of the rows' points, keeps the best iterate, and writes the next one. Rows
+// whose points have ended are left alone, so that compaction may come as seldom as the caller likes.
 struct BroydenStepArgs {
   Rows rows;
   BroydenState state;

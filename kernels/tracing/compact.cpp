@@ -35,7 +35,11 @@ void record_compact(Commands& commands, const CompactArgs& args) {
 
   launch.pipeline = &commands.device().pipeline("tracing/compact", specialization);
   launch.name = "compaction";
-  launch.bindings = {flags, points, {args.scratch, blocks * 4ull}, {args.compacted, uint_bytes(rows)}, {args.count, sizeof(WorkCount)}};
+  launch.bindings = {flags,
+                     points,
+                     {args.scratch, blocks * 4ull},
+                     {args.compacted, uint_bytes(rows)},
+                     {args.count, sizeof(WorkCount)}};
   add_rows(launch, args.rows, args.scratch);
   launch.groups = {blocks, 1, 1};
   launch.indirect = {};

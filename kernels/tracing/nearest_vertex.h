@@ -16,12 +16,12 @@ struct PosedVertices {
   BufferSlice weights;     // vec4 by vertex: their weights, with a sum of nearly 1
 };
 
-// The vertex nearest to each row's point, exactly (float32 distances; of equally near ones the lowest index; index 0 for a
-// point that is not finite), and x = T⁻¹ q with its four influences.
+// The vertex nearest to each row's point, exactly (float32 distances; of equally near ones the lowest index; index 0
+// for a point that is not finite), and x = T⁻¹ q with its four influences.
 struct NearestVertexArgs {
   Rows rows;
-  BufferSlice frame;      // FrameConstants of the pose that the vertices are in
-  BufferSlice posed;      // vec4 by point: q, posed space, metres
+  BufferSlice frame;  // FrameConstants of the pose that the vertices are in
+  BufferSlice posed;  // vec4 by point: q, posed space, metres
   PosedVertices target;
   BufferSlice canonical;  // out, vec4 by point: x, metres; w = distance to the vertex, metres
   BufferSlice nearest;    // out, uint32 by point: the vertex

@@ -24,8 +24,8 @@ std::vector<uint32_t> rows_specialization(const Rows& rows) {
 void check_channels(const char* what, const Matrix& matrix, uint32_t channels) {
   if (matrix.column % channel_padding != 0 || matrix.stride % channel_padding != 0 ||
       matrix.column + padded_channels(channels) > matrix.stride)
-    throw std::invalid_argument(
-        fmt::format("{}: stride {} and column {} leave no room for {} channels", what, matrix.stride, matrix.column, channels));
+    throw std::invalid_argument(fmt::format("{}: stride {} and column {} leave no room for {} channels", what,
+                                            matrix.stride, matrix.column, channels));
 }
 
 }  // namespace arah

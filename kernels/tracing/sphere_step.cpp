@@ -11,8 +11,9 @@ void record(Commands& commands, const char* shader, const char* name, const Rows
   Launch launch;
   launch.pipeline = &commands.device().pipeline(shader, rows_specialization(rows));
   launch.name = name;
-  launch.bindings = {{tracing.frame, sizeof(FrameConstants)}, tracing.rays, tracing.trace, tracing.posed, tracing.candidates,
-                     {tracing.active, uint_bytes(constants.row_limit)}};
+  launch.bindings = {
+      {tracing.frame, sizeof(FrameConstants)},          tracing.rays, tracing.trace, tracing.posed, tracing.candidates,
+      {tracing.active, uint_bytes(constants.row_limit)}};
   if (!sdf.empty()) launch.bindings.push_back(matrix_binding(sdf, constants.row_limit));
   add_rows(launch, rows, tracing.frame);
   launch.push_constants = &constants;

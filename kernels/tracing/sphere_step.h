@@ -1,7 +1,7 @@
-// Sphere tracing through the approximate backward skinning (ARAH.md section 4; kernels/reference/tracing.h), one iteration
-// a launch. The host's loop: record_sphere_start; then, at most 50 times, record_nearest_vertex, the sdf at its canonical
-// points, record_sphere_step, record_compact of `active`. The canonical points of the last evaluation and the depths after
-// the last step start the joint search.
+// Sphere tracing through the approximate backward skinning (ARAH.md section 4; kernels/reference/tracing.h), one
+// iteration a launch. The host's loop: record_sphere_start; then, at most 50 times, record_nearest_vertex, the sdf at
+// its canonical points, record_sphere_step, record_compact of `active`. The canonical points of the last evaluation and
+// the depths after the last step start the joint search.
 #pragma once
 
 #include "kernels/tracing/rows.h"

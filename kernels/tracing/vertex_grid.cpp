@@ -18,9 +18,10 @@ float squared_distance(const std::array<float, 4>& vertex, const std::array<floa
   return sum;
 }
 
-// Gives every cell a vertex near its centre: that of a neighbour where none of its own is nearer, passed on in two sweeps
-// through the grid, forward from the 13 neighbours before a cell and back from the 13 after it. The first sweep fills the
-// rest of the row, plane and grid after an occupied cell, up to a wedge that the second one closes with all before it.
+// Gives every cell a vertex near its centre: that of a neighbour where none of its own is nearer, passed on in two
+// sweeps through the grid, forward from the 13 neighbours before a cell and back from the 13 after it. The first sweep
+// fills the rest of the row, plane and grid after an occupied cell, up to a wedge that the second one closes with all
+// before it.
 void spread_seeds(VertexGrid& grid) {
   const auto size = [&](size_t axis) { return static_cast<int>(grid.cells[axis]); };
   const auto number = [&](int x, int y, int z) { return static_cast<size_t>((z * size(1) + y) * size(0) + x); };
@@ -34,7 +35,8 @@ void spread_seeds(VertexGrid& grid) {
                                             grid.origin[1] + grid.cell_size * (static_cast<float>(y) + 0.5f),
                                             grid.origin[2] + grid.cell_size * (static_cast<float>(z) + 0.5f)};
           uint32_t& seed = grid.cell_seed[number(x, y, z)];
-          float best = seed == none ? std::numeric_limits<float>::infinity() : squared_distance(grid.vertices[seed], centre);
+          float best =
+              seed == none ? std::numeric_limits<float>::infinity() : squared_distance(grid.vertices[seed], centre);
           for (int before = 0; before < 13; ++before) {  // (dx, dy, dz) in {−1, 0, 1}³, those before (0, 0, 0)
             const int nx = x + direction * (before % 3 - 1), ny = y + direction * (before / 3 % 3 - 1);
             const int nz = z + direction * (before / 9 - 1);
@@ -57,15 +59,17 @@ void spread_seeds(VertexGrid& grid) {
 
 VertexGrid build_vertex_grid(std::span<const std::array<float, 3>> vertices, uint32_t cells_along_longest) {
   if (vertices.empty() || vertices.size() > vertex_grid_most_vertices)
-    throw std::invalid_argument(fmt::format("vertex grid: {} vertices, expected 1 to {}", vertices.size(), vertex_grid_most_vertices));
-  if (cells_along_longest == 0 || cells_along_longest > vertex_grid_most_cells)
     throw std::invalid_argument(
-        fmt::format("vertex grid: {} cells along the longest side, expected 1 to {}", cells_along_longest, vertex_grid_most_cells));
+        fmt::format("vertex grid: {} vertices, expected 1 to {}", vertices.size(), vertex_grid_most_vertices));
+  if (cells_along_longest == 0 || cells_along_longest > vertex_grid_most_cells)
+    throw std::invalid_argument(fmt::format("vertex grid: {} cells along the longest side, expected 1 to {}",
+                                            cells_along_longest, vertex_grid_most_cells));
   VertexGrid grid;
   std::array<float, 3> low = vertices[0], high = vertices[0];
   for (size_t v = 0; v < vertices.size(); ++v)
     for (size_t i = 0; i < 3; ++i) {
-      if (!std::isfinite(vertices[v][i])) throw std::invalid_argument(fmt::format("vertex grid: vertex {} is not finite", v));
+      if (!std::isfinite(vertices[v][i]))
+        throw std::invalid_argument(fmt::format("vertex grid: vertex {} is not finite", v));
       low[i] = std::min(low[i], vertices[v][i]);
       high[i] = std::max(high[i], vertices[v][i]);
     }

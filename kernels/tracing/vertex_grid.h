@@ -23,7 +23,8 @@ inline constexpr uint32_t vertex_grid_most_cells = 64;  // along an axis: the sh
 inline constexpr uint32_t vertex_grid_most_vertices = 1u << 24;
 
 // `cells_along_longest` (1 to vertex_grid_most_cells) cells along the longest side of the vertices' box, cubic ones.
-// Throws std::invalid_argument without vertices, with too many, with one that is not finite, or with a bad number of cells.
+// Throws std::invalid_argument without vertices, with too many, with one that is not finite, or with a bad number of
+// cells.
 VertexGrid build_vertex_grid(std::span<const std::array<float, 3>> vertices, uint32_t cells_along_longest = 40);
 
 }  // namespace arah

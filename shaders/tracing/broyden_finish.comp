@@ -8,7 +8,6 @@
 
 #define BROYDEN_CONSTANT 0
 #include "lib/broyden.glsl"
-#include "lib/scan.glsl"
 #include "shared/tracing.h"
 
 layout(local_size_x = 64) in;
@@ -19,11 +18,7 @@ layout(binding = 3, scalar) restrict writeonly buffer Depth { float depth[]; }; 
 layout(binding = 4, scalar) restrict buffer Counts { SearchCounts counts; };
 layout(push_constant, scalar) uniform Constants { BroydenFinishConstants constants; };
 
-uint number_of(bool condition) {
-  uint total;
-  exclusive_scan(condition ? 1u : 0u, total);
-  return total;
-}
+shared SearchCounts own;
 
 void main() {
   const uint point = gl_GlobalInvocationID.x;
@@ -42,15 +37,21 @@ void main() {
   canonical[point] = usable ? vec4(best.xyz, is_root ? 1.0 : 0.0) : vec4(0);
   if (UNKNOWNS == 4) depth[point] = usable ? best.w : 0.0;
 
-  uint steps;
-  exclusive_scan(started ? uint(status.y) : 0u, steps);
-  const uint roots = number_of(converged), lost = number_of(started && status.z == DIVERGED);
-  const uint exhausted = number_of(started && status.z == EXHAUSTED), hits = number_of(UNKNOWNS == 4 && is_root);
+  if (gl_LocalInvocationIndex == 0u) own = SearchCounts(0u, 0u, 0u, 0u, 0u);
+  barrier();
+  if (started) {
+    atomicAdd(own.steps, uint(status.y));
+    if (converged) atomicAdd(own.converged, 1u);
+    else if (status.z == DIVERGED) atomicAdd(own.diverged, 1u);
+    else atomicAdd(own.exhausted, 1u);
+    if (UNKNOWNS == 4 && is_root) atomicAdd(own.hits, 1u);
+  }
+  barrier();
   if (gl_LocalInvocationIndex == 0u) {
-    atomicAdd(counts.steps, steps);
-    atomicAdd(counts.converged, roots);
-    atomicAdd(counts.diverged, lost);
-    atomicAdd(counts.exhausted, exhausted);
-    atomicAdd(counts.hits, hits);
+    atomicAdd(counts.steps, own.steps);
+    atomicAdd(counts.converged, own.converged);
+    atomicAdd(counts.diverged, own.diverged);
+    atomicAdd(counts.exhausted, own.exhausted);
+    atomicAdd(counts.hits, own.hits);
   }
 }

@@ -23,7 +23,8 @@ class NearestVertex : public DeviceTest {
       const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
       const double radius[3][3] = {{0.2, 0.45, 0.12}, {0.7, 0.06, 0.05}, {0.09, 0.12, 0.1}}, height[3] = {0, 0.35, 0.7};
       std::array<float, 3> vertex;
-      for (size_t i = 0; i < 3; ++i) vertex[i] = static_cast<float>(radius[part][i] * v[i] / length + (i == 1 ? height[part] : 0));
+      for (size_t i = 0; i < 3; ++i)
+        vertex[i] = static_cast<float>(radius[part][i] * v[i] / length + (i == 1 ? height[part] : 0));
       vertices.push_back(vertex);
       if (vertices.size() % 10 == 0 && vertices.size() < count) vertices.push_back(vertices[vertices.size() / 2]);
     }
@@ -40,13 +41,15 @@ class NearestVertex : public DeviceTest {
     PosedVertices target;
     target.grid = build_vertex_grid(vertices, cells);
     Buffer sorted = filled("vertices", target.grid.vertices), starts = filled("cell start", target.grid.cell_start);
-    Buffer seeds = filled("cell seed", target.grid.cell_seed), joint_words = filled("joints", joints_), weight_rows = filled("weights", weights_);
+    Buffer seeds = filled("cell seed", target.grid.cell_seed), joint_words = filled("joints", joints_),
+           weight_rows = filled("weights", weights_);
     target.vertices = sorted.slice(), target.cell_start = starts.slice(), target.cell_seed = seeds.slice();
     target.joints = joint_words.slice(), target.weights = weight_rows.slice();
     std::vector<double> flat;
     for (const auto& point : points) flat.insert(flat.end(), point.begin(), point.end());
     const FrameConstants constants = frame_constants({}, bones_);
-    Buffer frame = filled("frame", std::vector<FrameConstants>{constants}), posed = filled("posed", padded_rows(flat, 3, 4));
+    Buffer frame = filled("frame", std::vector<FrameConstants>{constants}),
+           posed = filled("posed", padded_rows(flat, 3, 4));
     const uint32_t count = static_cast<uint32_t>(points.size());
     Buffer canonical = filled("canonical", std::vector<float>(padded_points(count) * 4, -7.0f));
     Buffer nearest = filled("nearest", std::vector<uint32_t>(padded_points(count), 99999));
@@ -63,7 +66,8 @@ class NearestVertex : public DeviceTest {
 
   void give_influences(size_t vertices) {
     for (size_t v = 0; v < vertices; ++v) {
-      joints_.push_back(static_cast<uint32_t>(generator() % 24 | generator() % 24 << 8 | generator() % 24 << 16 | generator() % 24 << 24));
+      joints_.push_back(static_cast<uint32_t>(generator() % 24 | generator() % 24 << 8 | generator() % 24 << 16 |
+                                              generator() % 24 << 24));
       for (const float weight : {0.5f, 0.25f, 0.15f, 0.0999f}) weights_.push_back(weight);  // not quite 1
     }
   }
@@ -82,7 +86,8 @@ class NearestVertex : public DeviceTest {
       };
       if (found.nearest[p] != truth) {
         ++ties;
-        EXPECT_NE(vertices[found.nearest[p]], vertices[truth]) << "point " << p << ": of equal vertices the lowest index wins";
+        EXPECT_NE(vertices[found.nearest[p]], vertices[truth])
+            << "point " << p << ": of equal vertices the lowest index wins";
         EXPECT_NEAR(distance(found.nearest[p]), distance(truth), tolerance * (distance(truth) + 1e-3)) << p;
       }
       EXPECT_NEAR(found.canonical[4 * p + 3], distance(truth), tolerance * (distance(truth) + 1)) << p;
@@ -148,7 +153,8 @@ TEST_F(NearestVertex, SmallAndFlatTemplates) {
     const std::vector<float> q = uniform(3, -2, 2);
     points.push_back({q[0], q[1], q[2]});
   }
-  for (const Points& vertices : {Points{{0.1f, 0.2f, 0.3f}}, plane, line, same}) expect_nearest(vertices, points, search(vertices, 16, points));
+  for (const Points& vertices : {Points{{0.1f, 0.2f, 0.3f}}, plane, line, same})
+    expect_nearest(vertices, points, search(vertices, 16, points));
 }
 
 TEST_F(NearestVertex, OnlyListedPointsAreWrittenAndBadOnesGetIndexZero) {
@@ -175,7 +181,8 @@ TEST(VertexGrid, HoldsEveryVertexOnceAndSeedsEveryCell) {
   std::mt19937_64 generator(1);
   std::uniform_real_distribution<float> unit(-1, 1);
   Points vertices;
-  for (int i = 0; i < 700; ++i) vertices.push_back({unit(generator), 0.3f * unit(generator) + 2, i < 350 ? 0.1f : 0.9f});
+  for (int i = 0; i < 700; ++i)
+    vertices.push_back({unit(generator), 0.3f * unit(generator) + 2, i < 350 ? 0.1f : 0.9f});
   const VertexGrid grid = build_vertex_grid(vertices, 25);
   std::vector<int> seen(vertices.size(), 0);
   EXPECT_EQ(grid.cell_start.size(), size_t(grid.cells[0]) * grid.cells[1] * grid.cells[2] + 1);
@@ -185,7 +192,8 @@ TEST(VertexGrid, HoldsEveryVertexOnceAndSeedsEveryCell) {
     for (uint32_t place = grid.cell_start[cell]; place < grid.cell_start[cell + 1]; ++place) {
       const auto& v = grid.vertices[place];
       ++seen[static_cast<size_t>(v[3])];
-      const size_t at[3] = {cell % grid.cells[0], cell / grid.cells[0] % grid.cells[1], cell / grid.cells[0] / grid.cells[1]};
+      const size_t at[3] = {cell % grid.cells[0], cell / grid.cells[0] % grid.cells[1],
+                            cell / grid.cells[0] / grid.cells[1]};
       for (size_t i = 0; i < 3; ++i) {
         const float low = grid.origin[i] + grid.cell_size * static_cast<float>(at[i]);
         EXPECT_GE(v[i], low - 1e-5f);

@@ -1,81 +1,26 @@
-// Root searches and sphere tracing on the device, chained through their buffers as a renderer chains them, with the
-// networks evaluated by the double-precision reference between the launches. The reference's own searches are the truth.
-#include "kernels/reference/broyden.h"
-
+// Root searches on the device, chained through their buffers as a renderer chains them, with the
+// networks evaluated by the double-precision reference between the launches. The reference's own searches are the
+// truth.
 #include <algorithm>
 #include <limits>
 
-#include "kernels/reference/skinning.h"
-#include "kernels/reference/tracing.h"
+#include "kernels/reference/broyden.h"
 #include "kernels/skinning/lbs.h"
 #include "kernels/tracing/broyden_finish.h"
 #include "kernels/tracing/broyden_start.h"
 #include "kernels/tracing/broyden_step.h"
 #include "kernels/tracing/compact.h"
-#include "kernels/tracing/sphere_step.h"
-#include "shaders/shared/ray.h"
 #include "tests/golden.h"
+#include "tests/kernels/posed_body.h"
 #include "tests/kernels/reference/golden_networks.h"
-#include "tests/kernels/skinning_scene.h"
 
 namespace arah {
 namespace {
 
-using Vector3 = reference::Vector<3>;
 using Vector4 = reference::Vector<4>;
-
-// A smooth body: an ellipsoid in the cube's coordinates, f = c (|n / a| − 1), not a true distance.
-struct Ellipsoid {
-  Vector3 axes{0.7, 0.5, 0.6};
-  double steepness = 0.45;
-  double value(const Vector3& n) const { return steepness * (std::hypot(n[0] / axes[0], n[1] / axes[1], n[2] / axes[2]) - 1); }
-  Vector3 gradient(const Vector3& n) const {
-    const double length = std::hypot(n[0] / axes[0], n[1] / axes[1], n[2] / axes[2]);
-    Vector3 g;
-    for (size_t i = 0; i < 3; ++i) g[i] = steepness * n[i] / (axes[i] * axes[i] * length);
-    return g;
-  }
-};
-
-// A skinning network in a pose. Weights change slowly over space, as a body's do.
-struct Body {
-  reference::SkinningNetwork network;
-  std::vector<double> bones;
-  Ellipsoid surface;
-  JointTree tree{smpl_tree()};
-
-  std::vector<double> logits(const std::vector<double>& x) const {
-    std::vector<double> n;
-    for (size_t p = 0; p < x.size() / 3; ++p) {
-      const reference::Vec3 at = network.cube.to_cube({x[3 * p], x[3 * p + 1], x[3 * p + 2]});
-      n.insert(n.end(), at.begin(), at.end());
-    }
-    return reference::dense_forward(network.layers, x.size() / 3, n).output;
-  }
-  reference::Matrix<4> transform(const Vector3& x) const {
-    const auto out = reference::skinning_forward(network, bones, 1, x);
-    reference::Matrix<4> t;
-    for (size_t i = 0; i < 16; ++i) t[i / 4][i % 4] = out.blended[i];
-    return t;
-  }
-  Vector3 skinned(const Vector3& x) const { return reference::transform_point(transform(x), x); }
-  double sdf_metric(const Vector3& x) const { return surface.value(network.cube.to_cube(x)) / network.cube.scale(); }
-};
 
 class RootFinding : public DeviceTest {
  protected:
-  Body small_body(double turn) {
-    Body body{{reference::JointTree(smpl_tree()), {{0.05, -0.1, 0.02}, -0.95, 1.05}, {}, 20}, random_bones(generator, 24, turn), {}};
-    const size_t logits = body.network.tree.logits();
-    const auto doubles = [&](size_t count, double scale) {
-      const std::vector<float> values = uniform(count, -scale, scale);
-      return std::vector<double>(values.begin(), values.end());
-    };
-    body.network.layers.layers = {{3, 16, reference::Activation::softplus, false, doubles(48, 0.5), {}, doubles(16, 0.3)},
-                                  {16, logits, reference::Activation::none, false, doubles(16 * logits, 0.03), {}, doubles(logits, 0.05)}};
-    return body;
-  }
-
   struct Solved {
     std::vector<double> roots;  // [points][3]
     std::vector<double> root_flags;
@@ -86,24 +31,32 @@ class RootFinding : public DeviceTest {
   };
 
   // The host's loop. `rays` makes it the joint search. Rows are compacted after each step of an even number only.
-  Solved solve(const Body& body, const std::vector<double>& starts, const std::vector<double>& targets, const std::vector<Ray>& rays = {},
-               const std::vector<double>& depths = {}, const std::vector<double>& root_translation = {0, 0, 0}, const std::vector<uint32_t>& chosen = {}) {
+  Solved solve(const Body& body, const std::vector<double>& starts, const std::vector<double>& targets,
+               const std::vector<Ray>& rays = {}, const std::vector<double>& depths = {},
+               const std::vector<double>& root_translation = {0, 0, 0}, const std::vector<uint32_t>& chosen = {}) {
     const bool joint = !rays.empty();
     const Unknowns unknowns = joint ? Unknowns::point_and_depth : Unknowns::point;
-    const uint32_t points = static_cast<uint32_t>(starts.size() / 3), padded = padded_points(points), width = body.tree.logits(), stride = padded_channels(width);
+    const uint32_t points = static_cast<uint32_t>(starts.size() / 3), padded = padded_points(points),
+                   width = body.tree.logits(), stride = padded_channels(width);
     FrameConstants constants = frame_constants(body.network.cube, body.bones);
     for (size_t i = 0; i < 3; ++i) constants.root_translation[i] = static_cast<float>(root_translation[i]);
     Buffer frame = filled("frame", std::vector<FrameConstants>{constants});
-    Buffer start_rows = filled("starts", padded_rows(starts, 3, 4)), target_rows = filled("targets", joint ? std::vector<float>(4) : padded_rows(targets, 3, 4));
+    Buffer start_rows = filled("starts", padded_rows(starts, 3, 4)),
+           target_rows = filled("targets", joint ? std::vector<float>(4) : padded_rows(targets, 3, 4));
     std::vector<Ray> padded_rays = rays;
     padded_rays.resize(padded);
-    Buffer ray_rows = filled("rays", padded_rays), depth_rows = filled("depths", joint ? padded_rows(depths, 1, 4) : std::vector<float>(4));
-    Buffer logit_rows = empty("logits", padded * 4ull * stride), posed = empty("posed", padded * 16ull), transforms = empty("transforms", padded * 48ull);
-    Buffer sdf = empty("sdf", padded * 32ull), gradients = empty("gradients", padded * 32ull), jacobians = empty("jacobians", padded * 48ull);
+    Buffer ray_rows = filled("rays", padded_rays),
+           depth_rows = filled("depths", joint ? padded_rows(depths, 1, 4) : std::vector<float>(4));
+    Buffer logit_rows = empty("logits", padded * 4ull * stride), posed = empty("posed", padded * 16ull),
+           transforms = empty("transforms", padded * 48ull);
+    Buffer weights = empty("weights", padded * 96ull);  // the variant of the pipeline that the skinning tests use
+    Buffer sdf = empty("sdf", padded * 32ull), gradients = empty("gradients", padded * 32ull),
+           jacobians = empty("jacobians", padded * 48ull);
     Buffer active = empty("active", padded * 4ull), scratch = empty("scratch", compact_blocks(points) * 4ull);
     Buffer ids[2] = {empty("ids 0", padded * 4ull), empty("ids 1", padded * 4ull)};
     Buffer work[2] = {empty("work 0", sizeof(WorkCount)), empty("work 1", sizeof(WorkCount))};
-    Buffer state_memory = filled("state", std::vector<float>(BroydenState::bytes(padded, unknowns, true) / 4, 1.0f));  // "active" everywhere
+    Buffer state_memory = filled(
+        "state", std::vector<float>(BroydenState::bytes(padded, unknowns, true) / 4, 1.0f));  // "active" everywhere
     Buffer canonical = empty("canonical", padded * 16ull), depth = empty("depth", padded * 4ull);
     Buffer counts = filled("counts", std::vector<shared::SearchCounts>(1));
     const BroydenState state{state_memory.slice(), padded, unknowns, true};
@@ -136,14 +89,32 @@ class RootFinding : public DeviceTest {
       if (joint) device.upload(sdf.slice(), padded_rows(values, 1, 8));
       if (joint && with_gradients) {
         device.upload(gradients.slice(), padded_rows(slopes, 3, 8));
-        device.upload(jacobians.slice(), padded_rows(reference::skinning_jacobian(body.network, body.bones, row_count, x), 3, 4));
+        device.upload(jacobians.slice(),
+                      padded_rows(reference::skinning_jacobian(body.network, body.bones, row_count, x), 3, 4));
       }
-      record_lbs(commands, {&body.tree, rows, {logit_rows.slice(), stride, 0}, frame.slice(), iterates, posed.slice(), transforms.slice(), {}});
+      record_lbs(commands, {&body.tree,
+                            rows,
+                            {logit_rows.slice(), stride, 0},
+                            frame.slice(),
+                            iterates,
+                            posed.slice(),
+                            transforms.slice(),
+                            {weights.slice(), 24, 0}});
     };
 
     evaluate(start_rows.slice(), true);
-    record_broyden_start(commands, {rows, state, frame.slice(), start_rows.slice(), posed.slice(), transforms.slice(), target_rows.slice(), surface,
-                                    depth_rows.slice(), {gradients.slice(), 8, 0}, jacobians.slice(), active.slice()});
+    record_broyden_start(commands, {rows,
+                                    state,
+                                    frame.slice(),
+                                    start_rows.slice(),
+                                    posed.slice(),
+                                    transforms.slice(),
+                                    target_rows.slice(),
+                                    surface,
+                                    depth_rows.slice(),
+                                    {gradients.slice(), 8, 0},
+                                    jacobians.slice(),
+                                    active.slice()});
     for (int iteration = 0; iteration <= 50; ++iteration) {
       if (iteration % 2 == 0) {
         const uint32_t next = 1 - current;
@@ -158,13 +129,16 @@ class RootFinding : public DeviceTest {
       }
       if (row_count == 0 || iteration == 50) break;
       evaluate(state.iterates(), false);
-      record_broyden_step(commands, {rows, state, frame.slice(), posed.slice(), transforms.slice(), target_rows.slice(), surface, active.slice()});
+      record_broyden_step(commands, {rows, state, frame.slice(), posed.slice(), transforms.slice(), target_rows.slice(),
+                                     surface, active.slice()});
     }
-    record_broyden_finish(commands, {points, state, ray_rows.slice(), canonical.slice(), depth.slice(), counts.slice()});
+    record_broyden_finish(commands,
+                          {points, state, ray_rows.slice(), canonical.slice(), depth.slice(), counts.slice()});
     commands.submit_and_wait();
 
     Solved solved;
-    const std::vector<float> found = device.download<float>(canonical.slice()), status = device.download<float>(state.status());
+    const std::vector<float> found = device.download<float>(canonical.slice()),
+                             status = device.download<float>(state.status());
     solved.roots = rows_of(found, points, 3, 4);
     solved.root_flags = rows_of(found, points, 1, 4, 3);
     solved.residuals = rows_of(status, points, 1, 4, 0);
@@ -176,8 +150,8 @@ class RootFinding : public DeviceTest {
     return solved;
   }
 
-  // Equal iteration counts, outcomes and roots. Where float32's rounding of the residual (some 3e-7 m) decides whether one
-  // more step is taken, the count may differ: such points are counted and few.
+  // Equal iteration counts, outcomes and roots. Where float32's rounding of the residual (some 3e-7 m) decides whether
+  // one more step is taken, the count may differ: such points are counted and few.
   template <int D>
   void expect_same(const Solved& solved, const std::vector<reference::BroydenResult<D>>& truths, double limit) {
     size_t same = 0, roots = 0;
@@ -193,16 +167,20 @@ class RootFinding : public DeviceTest {
       expected.exhausted += solved.status[p] == 4;
       if (!truth.converged) {
         EXPECT_EQ(solved.root_flags[p], 0) << p;
-        EXPECT_EQ(solved.status[p], outcome) << p << " after " << truth.iterations << " steps, residual " << truth.residual;
+        EXPECT_EQ(solved.status[p], outcome)
+            << p << " after " << truth.iterations << " steps, residual " << truth.residual;
         continue;
       }
       ++roots;
-      EXPECT_EQ(solved.status[p], 2) << p << " after " << truth.iterations << " steps, residual " << solved.residuals[p];
+      EXPECT_EQ(solved.status[p], 2) << p << " after " << truth.iterations << " steps, residual "
+                                     << solved.residuals[p];
       for (size_t i = 0; i < 3; ++i) largest = std::max(largest, std::abs(solved.roots[3 * p + i] - truth.root[i]));
       if (D == 4) largest = std::max(largest, std::abs(solved.depths[p] - truth.root[D - 1]));
-      for (size_t i = 0; i < 12; ++i) EXPECT_NEAR(solved.transforms[12 * p + i], truth.transform[i / 4][i % 4], 1e-5) << p << ", " << i;
+      for (size_t i = 0; i < 12; ++i)
+        EXPECT_NEAR(solved.transforms[12 * p + i], truth.transform[i / 4][i % 4], 1e-5) << p << ", " << i;
     }
-    std::printf("  %zu points, %zu roots, %zu with the same number of steps, largest difference of a root %.2e m\n", truths.size(), roots, same, largest);
+    std::printf("  %zu points, %zu roots, %zu with the same number of steps, largest difference of a root %.2e m\n",
+                truths.size(), roots, same, largest);
     EXPECT_LE(largest, limit);
     EXPECT_GE(static_cast<double>(same), 0.97 * static_cast<double>(truths.size()));
     EXPECT_EQ(solved.counts.steps, expected.steps);
@@ -211,7 +189,8 @@ class RootFinding : public DeviceTest {
     EXPECT_EQ(solved.counts.exhausted, expected.exhausted);
   }
 
-  std::vector<reference::BroydenResult<3>> truth_of(const Body& body, const std::vector<double>& starts, const std::vector<double>& targets) {
+  std::vector<reference::BroydenResult<3>> truth_of(const Body& body, const std::vector<double>& starts,
+                                                    const std::vector<double>& targets) {
     std::vector<reference::BroydenResult<3>> results;
     for (size_t p = 0; p < starts.size() / 3; ++p) {
       const Vector3 start{starts[3 * p], starts[3 * p + 1], starts[3 * p + 2]};
@@ -222,14 +201,15 @@ class RootFinding : public DeviceTest {
         return g;
       };
       const reference::Matrix<4> transform = body.transform(start);
-      results.push_back(reference::find_root<3>(start, transform, reference::point_inverse_jacobian(transform), residual));
+      results.push_back(
+          reference::find_root<3>(start, transform, reference::point_inverse_jacobian(transform), residual));
     }
     return results;
   }
 };
 
 TEST_F(RootFinding, CorrespondencesTakeTheReferencesSteps) {
-  const Body body = small_body(0.9);
+  const Body body = small_body(generator, 0.9);
   const uint32_t points = 333;
   std::vector<double> starts, targets;
   for (uint32_t p = 0; p < points; ++p) {
@@ -250,7 +230,7 @@ TEST_F(RootFinding, CorrespondencesTakeTheReferencesSteps) {
 }
 
 TEST_F(RootFinding, PointsThatWereNotStartedHaveNoRoot) {
-  const Body body = small_body(0.5);
+  const Body body = small_body(generator, 0.5);
   std::vector<double> starts, targets;
   for (uint32_t p = 0; p < 200; ++p) {
     const std::vector<float> at = uniform(3, -0.7, 0.7);
@@ -275,7 +255,8 @@ TEST_F(RootFinding, GoldenCorrespondences) {
   const golden::Case truth("07_broyden_points"), network("03_lbs_net");
   Body body{reference::golden_skinning(network, network), truth.values("in.B"), {}};
   const Solved solved = solve(body, truth.values("in.x0"), truth.values("in.x_bar"));
-  const std::vector<double> x = truth.values("out.x"), steps = truth.values("out.iters"), robust = truth.values("out.robust"), converged = truth.values("out.converged");
+  const std::vector<double> x = truth.values("out.x"), steps = truth.values("out.iters"),
+                            robust = truth.values("out.robust"), converged = truth.values("out.converged");
   size_t compared = 0, same_steps = 0;
   double largest = 0;
   for (size_t p = 0; p < robust.size(); ++p) {
@@ -286,38 +267,15 @@ TEST_F(RootFinding, GoldenCorrespondences) {
     same_steps += solved.steps[p] == steps[p];
     for (size_t i = 0; i < 3; ++i) largest = std::max(largest, std::abs(solved.roots[3 * p + i] - x[3 * p + i]));
   }
-  std::printf("  %zu golden roots, %zu with the same number of steps, largest difference %.2e m\n", compared, same_steps, largest);
+  std::printf("  %zu golden roots, %zu with the same number of steps, largest difference %.2e m\n", compared,
+              same_steps, largest);
   EXPECT_GT(compared, 100u);
   EXPECT_LE(largest, 5e-5);  // the golden file's own bound for a robust point
   EXPECT_GE(static_cast<double>(same_steps), 0.9 * static_cast<double>(compared));
 }
 
-// Rays from 3 m away at the ellipsoid in its pose.
-struct RayScene {
-  std::vector<Ray> rays;
-  std::vector<double> root_translation{0.25, -0.5, 0.125};
-};
-
-RayScene rays_at(const Body& body, std::mt19937_64& generator, uint32_t count) {
-  RayScene scene;
-  std::uniform_real_distribution<double> unit(-1, 1);
-  const Vector3 middle = body.skinned(body.network.cube.from_cube({0, 0, 0}));
-  for (uint32_t r = 0; r < count; ++r) {
-    Vector3 origin, direction;
-    for (size_t i = 0; i < 3; ++i) origin[i] = middle[i] + scene.root_translation[i] + (i == 2 ? -3 : 0.2 * unit(generator));
-    for (size_t i = 0; i < 3; ++i) direction[i] = middle[i] + scene.root_translation[i] + 0.9 * unit(generator) - origin[i];
-    const double length = reference::norm<3>(direction);
-    Ray ray{};
-    for (size_t i = 0; i < 3; ++i) ray.origin[i] = static_cast<float>(origin[i]), ray.direction[i] = static_cast<float>(direction[i] / length);
-    ray.near = 1.5f;
-    ray.far = 4.47f;  // not a multiple of the longest step away: rounding must not decide who is past it
-    scene.rays.push_back(ray);
-  }
-  return scene;
-}
-
 TEST_F(RootFinding, JointSearchTakesTheReferencesSteps) {
-  const Body body = small_body(0.3);
+  const Body body = small_body(generator, 0.3);
   const uint32_t count = 130;
   RayScene scene = rays_at(body, generator, count);
   std::vector<double> starts, depths;
@@ -350,85 +308,18 @@ TEST_F(RootFinding, JointSearchTakesTheReferencesSteps) {
     const Vector3 gradient = body.surface.gradient(body.network.cube.to_cube(start));
     truths.push_back(reference::find_root<4>({start[0], start[1], start[2], depth}, body.transform(start),
                                              reference::joint_inverse_jacobian(gradient, j, direction), residual));
-    if (r % 9 == 0 && truths.back().converged) scene.rays[r].far = static_cast<float>(truths.back().root[3]) - 0.1f;  // no hit: behind the end
+    if (r % 9 == 0 && truths.back().converged)
+      scene.rays[r].far = static_cast<float>(truths.back().root[3]) - 0.1f;  // no hit: behind the end
     hits += reference::hits_surface(truths.back(), scene.rays[r].near, scene.rays[r].far);
   }
   const Solved solved = solve(body, starts, {}, scene.rays, depths, scene.root_translation);
   expect_same<4>(solved, truths, 5e-6);
   for (uint32_t r = 0; r < count; ++r)
-    EXPECT_EQ(solved.root_flags[r], reference::hits_surface(truths[r], scene.rays[r].near, scene.rays[r].far) ? 1 : 0) << r;
+    EXPECT_EQ(solved.root_flags[r], reference::hits_surface(truths[r], scene.rays[r].near, scene.rays[r].far) ? 1 : 0)
+        << r;
   EXPECT_EQ(solved.counts.hits, hits);
   EXPECT_GT(hits, 50u);
   EXPECT_LT(hits, solved.counts.converged);
-}
-
-TEST_F(RootFinding, SphereTracingFollowsTheReference) {
-  const Body body = small_body(0.3);
-  const uint32_t count = 200, padded = padded_points(count);
-  RayScene scene = rays_at(body, generator, count);
-  scene.rays[5].far = scene.rays[5].near;  // misses the box
-  scene.rays[6].far = 1.0f;
-  FrameConstants constants = frame_constants(body.network.cube, body.bones);
-  for (size_t i = 0; i < 3; ++i) constants.root_translation[i] = static_cast<float>(scene.root_translation[i]);
-  // The way to canonical space is one rigid transform here; the search for the nearest vertex has its own tests.
-  const reference::Matrix<4> back = *reference::inverse<4>(body.transform(body.network.cube.from_cube({0, 0, 0})));
-  const auto f = [&](const Vector3& posed) { return body.surface.value(body.network.cube.to_cube(reference::transform_point(back, posed))); };
-
-  std::vector<Ray> padded_rays = scene.rays;
-  padded_rays.resize(padded);
-  Buffer frame = filled("frame", std::vector<FrameConstants>{constants}), rays = filled("rays", padded_rays), trace = empty("trace", padded * 16);
-  Buffer posed = empty("posed", padded * 16), candidates = empty("candidates", padded * 4), active = empty("active", padded * 4), scratch = empty("scratch", 4);
-  Buffer ids[2] = {empty("ids 0", padded * 4), empty("ids 1", padded * 4)}, work[2] = {empty("work 0", 16), empty("work 1", 16)}, sdf = empty("sdf", padded * 32);
-  const SphereTracing tracing{frame.slice(), rays.slice(), trace.slice(), posed.slice(), candidates.slice(), active.slice()};
-  Rows rows{{count, {}}, {}};
-  record_sphere_start(commands, rows, tracing);
-  for (uint32_t iteration = 0; iteration < 50; ++iteration) {
-    const uint32_t next = iteration % 2;
-    record_compact(commands, {rows, active.slice(), {}, scratch.slice(), ids[next].slice(), work[next].slice()});
-    commands.submit_and_wait();
-    rows = {{count, work[next].slice()}, ids[next].slice()};
-    const uint32_t row_count = device.download<WorkCount>(work[next].slice().sub(0, 16))[0].count;
-    if (row_count == 0) break;
-    const std::vector<uint32_t> list = device.download<uint32_t>(ids[next].slice());
-    const std::vector<float> q = device.download<float>(posed.slice());
-    std::vector<double> values;
-    for (uint32_t r = 0; r < row_count; ++r) {
-      const uint32_t ray = list[r];
-      values.push_back(ray == 8 && iteration == 2 ? std::numeric_limits<double>::quiet_NaN() : f({q[4 * ray], q[4 * ray + 1], q[4 * ray + 2]}));
-    }
-    device.upload(sdf.slice(), padded_rows(values, 1, 8));
-    record_sphere_step(commands, {rows, tracing, {sdf.slice(), 8, 0}});
-  }
-  commands.submit_and_wait();
-
-  const std::vector<float> found = device.download<float>(trace.slice());
-  const std::vector<uint32_t> candidate = device.download<uint32_t>(candidates.slice());
-  std::vector<double> depths, expected;
-  uint32_t on_surface = 0, diverged = 0;
-  for (uint32_t r = 0; r < count; ++r) {
-    const Ray& ray = scene.rays[r];
-    Vector3 origin, direction{ray.direction[0], ray.direction[1], ray.direction[2]};
-    for (size_t i = 0; i < 3; ++i) origin[i] = ray.origin[i] - scene.root_translation[i];
-    if (r == 8 || r == 5 || r == 6) {
-      EXPECT_EQ(found[4 * r + 3], 2) << r;
-      EXPECT_EQ(candidate[r], 0u);
-      continue;
-    }
-    const auto truth = reference::trace_sphere(
-        origin, direction, ray.near, ray.far, [&](const Vector3& q) { return reference::Correspondence{q, {}, 0}; },
-        [&](const Vector3& q) { return f(q) / body.network.cube.scale(); });
-    on_surface += truth.on_surface;
-    diverged += truth.diverged;
-    EXPECT_EQ(candidate[r], truth.diverged ? 0u : 1u) << r;
-    EXPECT_EQ(found[4 * r + 3], truth.diverged ? 2 : truth.on_surface ? 1 : 0) << r;
-    EXPECT_NEAR(found[4 * r + 2], truth.evaluations, 1) << r;
-    depths.push_back(found[4 * r]);
-    expected.push_back(truth.depth);
-  }
-  std::printf("  %u rays on the surface, %u past it\n", on_surface, diverged);
-  EXPECT_GT(on_surface, 50u);
-  EXPECT_GT(diverged, 20u);
-  expect_all_near("depths of sphere tracing", depths, expected, 3e-5);
 }
 
 }  // namespace

@@ -65,8 +65,10 @@ inline std::vector<double> as_float(std::vector<double> values) {
   return values;
 }
 
-// [rows][width] values as vec4 or matrix rows of `stride` floats from `column` on, in padded rows; the rest is `filler`.
-inline std::vector<float> padded_rows(std::span<const double> values, size_t width, size_t stride, size_t column = 0, float filler = 0) {
+// [rows][width] values as vec4 or matrix rows of `stride` floats from `column` on, in padded rows; the rest is
+// `filler`.
+inline std::vector<float> padded_rows(std::span<const double> values, size_t width, size_t stride, size_t column = 0,
+                                      float filler = 0) {
   const size_t rows = values.size() / width;
   std::vector<float> padded(size_t(padded_points(static_cast<uint32_t>(rows))) * stride, filler);
   for (size_t r = 0; r < rows; ++r)
@@ -75,17 +77,21 @@ inline std::vector<float> padded_rows(std::span<const double> values, size_t wid
 }
 
 // The way back: `width` values of each of the first `rows` rows.
-inline std::vector<double> rows_of(const std::vector<float>& padded, size_t rows, size_t width, size_t stride, size_t column = 0) {
+inline std::vector<double> rows_of(const std::vector<float>& padded, size_t rows, size_t width, size_t stride,
+                                   size_t column = 0) {
   std::vector<double> values;
   for (size_t r = 0; r < rows; ++r)
     for (size_t c = 0; c < width; ++c) values.push_back(padded[r * stride + column + c]);
   return values;
 }
 
-inline WorkCount work_of(uint32_t count) { return {(count + 63) / 64, 1, 1, count}; }
+inline WorkCount work_of(uint32_t count) {
+  return {(count + 63) / 64, 1, 1, count};
+}
 
 // Largest |actual − expected|, printed; every one must be at most `limit`, and NaN fails.
-inline void expect_all_near(const std::string& what, std::span<const double> actual, std::span<const double> expected, double limit) {
+inline void expect_all_near(const std::string& what, std::span<const double> actual, std::span<const double> expected,
+                            double limit) {
   ASSERT_EQ(actual.size(), expected.size()) << what;
   double largest = 0;
   size_t where = 0;
