@@ -1,0 +1,134 @@
+#include "host/rendering/avatar_networks.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace arah {
+namespace {
+
+FeatureGridShape grid_shape(const GridExtent& extent) {
+  FeatureGridShape shape;
+  for (int axis = 0; axis < 3; ++axis) {
+    shape.lower[static_cast<size_t>(axis)] = extent.lower[axis];
+    shape.upper[static_cast<size_t>(axis)] = extent.upper[axis];
+  }
+  shape.levels = static_cast<uint32_t>(extent.nodes.size());
+  for (size_t level = 0; level < extent.nodes.size(); ++level) shape.nodes[level] = {extent.nodes[level].x, extent.nodes[level].y, extent.nodes[level].z};
+  return shape;
+}
+
+}  // namespace
+
+SirenShape AvatarNetworks::sdf_shape() const {
+  return {spec_.sdf.width, spec_.sdf.sine_layers, static_cast<float>(spec_.sdf.omega), spec_.sdf.conditioning == SdfConditioning::latent};
+}
+
+DenseShape AvatarNetworks::skinning_shape() const {
+  return DenseShape::chain(LayerKind::weight_norm, skinning_widths(spec_, tree_.logits()), Activation::softplus, Activation::none);
+}
+
+DenseShape AvatarNetworks::color_shape() const {
+  const DenseShape chain = DenseShape::chain(LayerKind::weight_norm, color_widths(spec_), Activation::relu, Activation::sigmoid, spec_.color.latent ? spec_.latent_size : 0);
+  return spec_.color.skip < 0 ? chain : chain.with_skip(spec_.color.skip);
+}
+
+ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.color.normal, spec_.color.feature ? spec_.sdf.width : 0}; }
+
+AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients)
+    : spec_(avatar.spec), layout_(avatar.layout), cube_(avatar.cube), tree_(avatar.body.skeleton.parents), grid_(grid_shape(avatar.grid)) {
+  parameters_ = Buffer(device, "parameters", layout_.floats * 4, BufferPlace::device);
+  device.upload(parameters_.slice(), avatar.parameters);
+  if (with_gradients) {
+    gradients_ = Buffer(device, "gradients", layout_.floats * 4, BufferPlace::device);
+    Commands zero(device);
+    zero.fill(gradients_.slice(), 0);
+    zero.submit_and_wait();
+  }
+  if (spec_.latent_size) {
+    code_ = Buffer(device, "latent code of the frame", spec_.latent_size * 4, BufferPlace::device);
+    if (with_gradients) code_gradient_ = Buffer(device, "gradient of the latent code", spec_.latent_size * 4, BufferPlace::device);
+  }
+
+  // Without gradients the gradient slices stay empty; nothing reads them.
+  auto layers = [&](Buffer& buffer, const std::string& network, size_t count, const char* weight, const char* first) {
+    std::vector<LayerTensors> all;
+    for (size_t i = 0; i < count; ++i) all.push_back(buffer.bytes() ? tensors(buffer, network + "." + std::to_string(i), weight, first) : LayerTensors{});
+    return all;
+  };
+  auto dense = [&](std::optional<DenseNetwork>& network, const std::string& name, const DenseShape& shape, const char* weight, const char* first) {
+    network.emplace(device, name, shape, layers(parameters_, name, shape.layers.size(), weight, first), layers(gradients_, name, shape.layers.size(), weight, first));
+  };
+
+  const SirenShape siren = sdf_shape();
+  std::vector<LayerTensors> sdf_parameters = layers(parameters_, "sdf", siren.sine_layers + 1, "W", ""), sdf_gradients = layers(gradients_, "sdf", siren.sine_layers + 1, "W", "");
+  if (siren.film) {
+    // The mapping network's one output row holds all γ, then all η.
+    const DenseShape mapping = DenseShape::chain(LayerKind::plain, mapping_widths(spec_), Activation::leaky_relu, Activation::none);
+    dense(mapping_, "mapping", mapping, "W", "");
+    mapping_tape_.emplace(device, "mapping", mapping, point_padding, with_gradients);
+    const uint64_t width = spec_.sdf.width, half = width * spec_.sdf.sine_layers;
+    for (uint64_t l = 0; l < spec_.sdf.sine_layers; ++l) {
+      sdf_parameters[l].first = mapping_tape_->output().slice.elements(l * width, width);
+      sdf_parameters[l].shift = mapping_tape_->output().slice.elements(half + l * width, width);
+      if (!with_gradients) continue;
+      sdf_gradients[l].first = mapping_tape_->output_gradient().slice.elements(l * width, width);
+      sdf_gradients[l].shift = mapping_tape_->output_gradient().slice.elements(half + l * width, width);
+    }
+  }
+  sdf_.emplace(device, "sdf", siren, sdf_parameters, sdf_gradients);
+  if (spec_.skinning.kind == Skinning::network) dense(skinning_, "skinning", skinning_shape(), "v", "g");
+  dense(color_, "color", color_shape(), "v", "g");
+}
+
+BufferSlice AvatarNetworks::slice_of(Buffer& buffer, const std::string& slot) {
+  const TensorSlot& tensor = layout_.slot(slot);
+  return buffer.slice().elements(tensor.offset, tensor.count);
+}
+
+LayerTensors AvatarNetworks::tensors(Buffer& buffer, const std::string& prefix, const char* weight, const char* first) {
+  LayerTensors t;
+  t.weight = slice_of(buffer, prefix + "." + weight);
+  t.bias = slice_of(buffer, prefix + ".b");
+  if (*first) t.first = slice_of(buffer, prefix + "." + first);
+  return t;
+}
+
+void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row) {
+  if (spec_.latent_size) {
+    const BufferSlice rows = parameter("latent");
+    commands.copy(rows.elements(latent_row * spec_.latent_size, spec_.latent_size), code_.slice().elements(0, spec_.latent_size));
+    if (mapping_) {
+      commands.copy(code_.slice().elements(0, spec_.latent_size), mapping_tape_->input().slice.elements(0, spec_.latent_size));
+      mapping_->record_pack(commands);
+      mapping_->record_forward(commands, *mapping_tape_, {1, {}});
+    }
+  }
+  sdf_->record_pack(commands);
+  if (skinning_) skinning_->record_pack(commands);
+  color_->record_pack(commands, code());
+}
+
+void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch) {
+  if (!has_gradients()) throw std::logic_error("these networks were made without gradients");
+  if (spec_.latent_size) commands.fill(code_gradient_.slice(), 0);
+  if (parts.sdf) {
+    if (mapping_) commands.fill(mapping_tape_->output_gradient().slice, 0);
+    sdf_->record_unpack(commands);
+    if (mapping_) {
+      DenseNetwork::Backward backward;
+      backward.input_gradient = true;
+      backward.scratch = scratch;
+      mapping_->record_backward(commands, *mapping_tape_, {1, {}}, backward);
+      mapping_->record_unpack(commands);
+      commands.copy(mapping_tape_->input_gradient().slice.elements(0, spec_.latent_size), code_gradient_.slice().elements(0, spec_.latent_size));
+    }
+  }
+  if (parts.skinning && skinning_) skinning_->record_unpack(commands);
+  if (parts.color) color_->record_unpack(commands, code(), code_gradient());
+  if (spec_.latent_size)
+    commands.copy(code_gradient_.slice().elements(0, spec_.latent_size), gradient("latent").elements(latent_row * spec_.latent_size, spec_.latent_size));
+}
+
+uint64_t AvatarNetworks::unpack_scratch() const { return mapping_ ? mapping_->weight_gradient_scratch(1) : 64; }
+
+}  // namespace arah

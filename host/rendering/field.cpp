@@ -1,0 +1,95 @@
+#include "host/rendering/field.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "kernels/skinning/position_gradient.h"
+#include "kernels/tracing/normalise_inputs.h"
+
+namespace arah {
+
+Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients)
+    : networks_(networks), samples_per_ray_(samples_per_ray) {
+  if (networks.spec().color.normal) throw std::invalid_argument("normals as a colour input are not rendered by this version: set color.normal to false");
+  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), capacity, SirenTape::Holds::first_order);
+  color_tape_.emplace(device, "samples: color", networks.color_shape(), capacity, with_gradients);
+  if (!with_gradients) return;
+  const uint64_t rows = padded_points(capacity);
+  d_position_ = Buffer(device, "samples: gradient at n(x)", rows * 16, BufferPlace::device);
+  upstream_ = Buffer(device, "samples: gradient at x", rows * 16, BufferPlace::device);
+  const uint64_t floats = std::max({networks.sdf().weight_gradient_scratch(capacity), networks.color().weight_gradient_scratch(capacity), networks.unpack_scratch()});
+  scratch_ = Buffer(device, "weight gradients: partial sums", floats * 4, BufferPlace::device);
+}
+
+void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradient) {
+  const PointRange range{in.rows, {}};
+  record_normalise_inputs(commands, {{range, {}}, in.frame, in.canonical, sdf_tape_->input()});
+  networks_.sdf().record_forward(commands, *sdf_tape_, range, want_gradient || networks_.has_gradients());
+  if (want_gradient) networks_.sdf().record_gradient(commands, *sdf_tape_, range, false);
+  AssembleInputsArgs rows;
+  rows.row = networks_.color_row();
+  rows.points = in.rows;
+  rows.samples_per_ray = samples_per_ray_;
+  rows.frame = in.frame;
+  rows.canonical = in.canonical;
+  rows.rays = in.rays;
+  if (rows.row.feature_channels) rows.feature = sdf_tape_->feature();
+  rows.rows = color_tape_->input();
+  rows.channels = rows.row.grid_column() + networks_.grid().channels();
+  record_assemble_inputs(commands, rows);
+  if (networks_.grid().levels) {
+    FeatureGridForwardArgs grid;
+    grid.shape = networks_.grid();
+    grid.points = in.rows;
+    grid.positions = in.canonical;
+    grid.features = networks_.parameters().elements(networks_.layout().slot("grid.0").offset, networks_.grid().feature_count());
+    grid.rows = color_tape_->input();
+    grid.first_column = rows.row.grid_column();
+    record_feature_grid_forward(commands, grid);
+  }
+  networks_.color().record_forward(commands, *color_tape_, range);
+}
+
+void Field::record_backward(Commands& commands, const Inputs& in, const Backward& options) {
+  const PointRange range{in.rows, {}};
+  DenseNetwork::Backward color;
+  color.input_gradient = true;
+  color.scratch = scratch_.slice();
+  networks_.color().record_backward(commands, *color_tape_, range, color);
+
+  AssembleInputsBackwardArgs rows;
+  rows.row = networks_.color_row();
+  rows.points = in.rows;
+  rows.d_rows = color_tape_->input_gradient();
+  rows.d_position = d_position_.slice();
+  if (rows.row.feature_channels) rows.d_feature = sdf_tape_->feature_cotangent();
+  record_assemble_inputs_backward(commands, rows);
+  if (networks_.grid().levels) {
+    FeatureGridBackwardArgs grid;
+    grid.shape = networks_.grid();
+    grid.points = in.rows;
+    grid.max_contributions = in.rows;
+    grid.scale = options.grid_scale;
+    grid.positions = in.canonical;
+    grid.features = networks_.parameters().elements(networks_.layout().slot("grid.0").offset, networks_.grid().feature_count());
+    grid.d_rows = color_tape_->input_gradient();
+    grid.first_column = rows.row.grid_column();
+    grid.sums = options.grid_sums;
+    grid.clamped = options.grid_clamped;
+    if (options.position) {
+      grid.position_gradient = PositionGradient::add;
+      grid.d_position = d_position_.slice();
+      grid.position_factor = static_cast<float>(networks_.cube().metres_per_unit());  // per metre → per cube unit
+    }
+    record_feature_grid_backward(commands, grid);
+  }
+
+  Siren::Backward sdf;
+  sdf.feature = rows.row.feature_channels > 0;
+  sdf.input_gradient = options.position;
+  sdf.scratch = scratch_.slice();
+  networks_.sdf().record_backward(commands, *sdf_tape_, range, sdf);
+  if (options.position) record_position_gradient(commands, {in.rows, in.frame, sdf_tape_->input_gradient(), d_position_.slice(), upstream_.slice()});
+}
+
+}  // namespace arah

@@ -1,0 +1,52 @@
+// The avatar's field at canonical points: signed distance, feature and colour, forward and back.
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "host/rendering/avatar_networks.h"
+
+namespace arah {
+
+class Field {
+ public:
+  // capacity: points at a time. samples_per_ray: row r belongs to ray r / samples_per_ray.
+  Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients);
+
+  struct Inputs {
+    BufferSlice frame;      // FrameConstants
+    BufferSlice canonical;  // vec4 by row
+    BufferSlice rays;       // Ray by ray; read where the colour takes the view direction
+    uint32_t rows = 0;
+  };
+  // Fills sdf(), rgb(), and gradient() where wanted (always where the colour takes the normal).
+  void record_forward(Commands& commands, const Inputs& inputs, bool want_gradient = false);
+
+  Matrix sdf() { return sdf_tape_->sdf(); }             // channel 0: f, cube units
+  Matrix gradient() { return sdf_tape_->gradient(); }   // channels 0..2: ∂f/∂n, canonical
+  Matrix rgb() { return color_tape_->output(); }        // channels 0..2
+  Matrix d_sdf() { return sdf_tape_->sdf_cotangent(); }  // the caller writes dL/df and dL/drgb here …
+  Matrix d_rgb() { return color_tape_->output_gradient(); }
+
+  // … and gets effective weight gradients (=) of both networks, grid sums (+=), and where asked for position_gradient().
+  struct Backward {
+    bool position = false;
+    float grid_scale = 0;     // of the fixed-point sums: FeatureGridBackwardArgs::scale
+    BufferSlice grid_sums;    // int32 by feature; with a grid
+    BufferSlice grid_clamped; // one uint32, +=
+  };
+  void record_backward(Commands& commands, const Inputs& inputs, const Backward& backward);
+  BufferSlice position_gradient() { return upstream_.slice(); }  // vec4 by row: dL/dx̂ per metre
+
+  uint64_t scratch_floats() const { return scratch_.bytes() / 4; }
+  BufferSlice scratch() { return scratch_.slice(); }
+
+ private:
+  AvatarNetworks& networks_;
+  uint32_t samples_per_ray_;
+  std::optional<SirenTape> sdf_tape_;
+  std::optional<DenseTape> color_tape_;
+  Buffer d_position_, upstream_, scratch_;
+};
+
+}  // namespace arah

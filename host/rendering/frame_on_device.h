@@ -1,0 +1,54 @@
+// One pose of the template on the device: what tracing, sampling and skinning read of a frame.
+#pragma once
+
+#include <array>
+
+#include "host/avatar/avatar.h"
+#include "kernels/rays/generate.h"
+#include "kernels/rays/shell_distance.h"
+#include "kernels/tracing/nearest_vertex.h"
+#include "kernels/vulkan/commands.h"
+
+namespace arah {
+
+// Skinning influences of the template's vertices: the same for all frames.
+class TemplateOnDevice {
+ public:
+  TemplateOnDevice(Device& device, const BodyTemplate& body);
+  BufferSlice joints() { return joints_.slice(); }
+  BufferSlice weights() { return weights_.slice(); }
+
+ private:
+  Buffer joints_, weights_;
+};
+
+// Distances of the shell: a grid of `cell` metres over the posed vertices' box grown by `margin`.
+struct ShellSettings {
+  double cell = 0.025;
+  double margin = 0.10;
+  double outer = 0.055;  // samples lie where the template is at most this far away, metres …
+  double inner = 0.03;   // … and end at the first place deeper inside than this
+};
+
+class FrameOnDevice {
+ public:
+  // Runs the nearest-vertex search over the shell's grid once and waits for it.
+  FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDevice& body, const Pose& pose, const ShellSettings& shell);
+
+  BufferSlice constants() { return constants_.slice(); }        // FrameConstants
+  const PosedVertices& vertices() const { return vertices_; }
+  const ShellGrid& shell_grid() const { return shell_grid_; }
+  BufferSlice shell_distances() { return shell_distances_.slice(); }
+  const std::array<float, 3>& root_translation() const { return root_translation_; }  // metres, world
+  const RayBox& box() const { return box_; }  // posed vertices ± 5 cm, world
+  uint64_t bytes() const;
+
+ private:
+  Buffer constants_, grid_vertices_, cell_start_, cell_seed_, shell_distances_;
+  PosedVertices vertices_;
+  ShellGrid shell_grid_;
+  std::array<float, 3> root_translation_{};
+  RayBox box_;
+};
+
+}  // namespace arah

@@ -1,0 +1,87 @@
+#include "host/rendering/ray_samples.h"
+
+#include <stdexcept>
+
+#include "kernels/rays/shell_bins.h"
+#include "kernels/sampling/shell_samples.h"
+#include "shaders/shared/ray.h"
+
+namespace arah {
+
+RayCamera ray_camera(const Camera& camera) {
+  RayCamera result;
+  const glm::dvec3 center = camera.center();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) result.rotation[static_cast<size_t>(3 * row + column)] = static_cast<float>(camera.R[column][row]);
+    result.origin[static_cast<size_t>(row)] = static_cast<float>(center[row]);
+  }
+  result.fx = static_cast<float>(camera.K[0][0]);
+  result.fy = static_cast<float>(camera.K[1][1]);
+  result.cx = static_cast<float>(camera.K[2][0]);
+  result.cy = static_cast<float>(camera.K[2][1]);
+  return result;
+}
+
+RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings)
+    : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)), finder_(device, networks, capacity_rays_ * settings.samples) {
+  const uint64_t rays = capacity_rays_, rows = padded_points(capacity_rays_ * settings.samples);
+  auto make = [&](const char* what, uint64_t bytes) {
+    Buffer buffer(device, std::string("samples: ") + what, bytes, BufferPlace::device);
+    Commands zero(device);
+    zero.fill(buffer.slice(), 0);
+    zero.submit_and_wait();
+    return buffer;
+  };
+  pixels_ = make("pixels", rays * 4);
+  rays_ = make("rays", rays * sizeof(Ray));
+  kept_ = make("kept bins", rays * 8);
+  kept_counts_ = make("numbers of kept bins", rays * 4);
+  depths_ = make("depths", rows * 4);
+  deltas_ = make("deltas", rows * 4);
+  points_ = make("posed points", rows * 16);
+  canonical_ = make("canonical points", rows * 16);
+}
+
+void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels) {
+  if (pixels.size() > capacity_rays_) throw std::invalid_argument("more pixels than room for rays");
+  device_.upload(pixels_.slice(), pixels);
+  const auto count = static_cast<uint32_t>(pixels.size());
+  GenerateRaysArgs generate;
+  generate.camera = ray_camera(camera);
+  generate.box = frame.box();
+  generate.count = count;
+  generate.pixels = pixels_.slice();
+  generate.rays = rays_.slice();
+  record_generate_rays(commands, generate);
+  ShellBinsArgs bins;
+  bins.count = count;
+  bins.root_translation = frame.root_translation();
+  bins.grid = frame.shell_grid();
+  bins.outer = static_cast<float>(settings_.shell.outer);
+  bins.inner = static_cast<float>(settings_.shell.inner);
+  bins.rays = rays_.slice();
+  bins.distances = frame.shell_distances();
+  bins.kept = kept_.slice();
+  bins.kept_counts = kept_counts_.slice();
+  record_shell_bins(commands, bins);
+  commands.submit_and_wait();
+}
+
+std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) { return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays)); }
+
+void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
+  ShellSamplesArgs samples;
+  samples.rays = rays;
+  samples.samples = settings_.samples;
+  samples.root_translation = frame.root_translation();
+  samples.jitter = jitter;
+  samples.ray_list = rays_.slice();
+  samples.kept = kept_.slice();
+  samples.depths = depths_.slice();
+  samples.deltas = deltas_.slice();
+  samples.points = points_.slice();
+  record_shell_samples(commands, samples);
+  finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
+}
+
+}  // namespace arah

@@ -1,0 +1,53 @@
+// Rays and their samples with canonical correspondences: what both rendering and training shade (DESIGN.md §2's story).
+#pragma once
+
+#include <vector>
+
+#include "host/capture/camera.h"
+#include "host/rendering/avatar_networks.h"
+#include "host/rendering/frame_on_device.h"
+#include "host/rendering/root_finder.h"
+#include "kernels/rays/generate.h"
+#include "kernels/sampling/jitter.h"
+
+namespace arah {
+
+struct SamplingSettings {
+  uint32_t samples = 20;  // of each ray, stratified over the part of it inside the template's shell
+  ShellSettings shell;
+  RootFindingSettings root;
+};
+
+RayCamera ray_camera(const Camera& camera);
+
+class RaySamples {
+ public:
+  RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings);
+
+  uint32_t capacity_rays() const { return capacity_rays_; }
+  uint32_t samples() const { return settings_.samples; }
+  uint32_t rows(uint32_t rays) const { return rays * settings_.samples; }
+
+  // Rays of the listed pixels (column | row << 16), and which of their bins lie in the shell. Submits.
+  void set_pixels(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels);
+  // Number of kept bins of each ray of the last set_pixels: 0 means that nothing can be seen along it.
+  std::vector<uint32_t> kept_counts(uint32_t rays);
+  // Samples on the rays of the last set_pixels and their canonical points. Submits.
+  void place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
+
+  BufferSlice rays() { return rays_.slice(); }            // Ray by ray
+  BufferSlice depths() { return depths_.slice(); }        // float by row
+  BufferSlice deltas() { return deltas_.slice(); }        // float by row
+  BufferSlice canonical() { return canonical_.slice(); }  // vec4 by row; w = 1 where a correspondence was found
+  const PointRootFinder& root_finder() const { return finder_; }
+  PointRootFinder& root_finder() { return finder_; }
+
+ private:
+  Device& device_;
+  SamplingSettings settings_;
+  uint32_t capacity_rays_;
+  PointRootFinder finder_;
+  Buffer pixels_, rays_, kept_, kept_counts_, depths_, deltas_, points_, canonical_;
+};
+
+}  // namespace arah

@@ -1,0 +1,52 @@
+// Pictures of an avatar: rays → samples → field → compositing, in chunks of rays.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "host/rendering/field.h"
+#include "host/rendering/ray_samples.h"
+
+namespace arah {
+
+struct RenderSettings {
+  SamplingSettings sampling{.samples = 32, .shell = {}, .root = {}};
+  bool normals = false;
+  uint64_t memory_bytes = 600'000'000;  // of activations: decides how many rays are rendered at a time
+};
+
+// Row-major, top left first; black background.
+struct Picture {
+  int width = 0;
+  int height = 0;
+  std::vector<float> color;   // [pixels][3], 0..1
+  std::vector<float> alpha;   // [pixels], Σ w
+  std::vector<float> depth;   // [pixels], metres along the ray, Σ w z / Σ w; 0 where alpha < 0.5
+  std::vector<float> normal;  // [pixels][3], world axes, Σ w n; empty unless asked for
+};
+
+class Renderer {
+ public:
+  // The avatar's numbers are copied to the device.
+  Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
+
+  // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
+  Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress = {});
+  const PointRootFinder& root_finder() const { return samples_->root_finder(); }
+
+ private:
+  void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, Picture& picture);
+
+  Device& device_;
+  const Avatar& avatar_;
+  RenderSettings settings_;
+  AvatarNetworks networks_;
+  TemplateOnDevice body_;
+  std::optional<RaySamples> samples_;
+  std::optional<Field> field_;
+  Commands commands_;
+  Buffer colors_, ray_depths_, weights_, transmittances_, normals_, composited_normals_, unused_depths_;
+};
+
+}  // namespace arah

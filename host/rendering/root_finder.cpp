@@ -1,0 +1,164 @@
+#include "host/rendering/root_finder.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "kernels/skinning/lbs.h"
+#include "kernels/tracing/broyden_finish.h"
+#include "kernels/tracing/broyden_start.h"
+#include "kernels/tracing/broyden_step.h"
+#include "kernels/tracing/compact.h"
+#include "kernels/tracing/nearest_vertex.h"
+#include "kernels/tracing/normalise_inputs.h"
+#include "shaders/shared/work_count.h"
+
+namespace arah {
+
+PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity)
+    : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
+  if (networks.spec().skinning.kind == Skinning::none) return;
+  const uint64_t vec4_bytes = uint64_t(capacity_) * 16;
+  auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) { return Buffer(device, std::string("root search: ") + what, bytes, place); };
+  nearest_ = make("nearest vertex", capacity_ * 4ull);
+  for (Buffer& list : ids_) list = make("active points", capacity_ * 4ull);
+  for (Buffer& count : count_) count = make("active count", sizeof(WorkCount), BufferPlace::shared);
+  scratch_ = make("compaction", compact_blocks(capacity_) * 4ull);
+  starts_ = make("starts", vec4_bytes);
+  if (networks.spec().skinning.kind != Skinning::network) return;
+  tape_.emplace(device, "root search", networks.skinning_shape(), capacity_, false);
+  posed_ = make("posed points", vec4_bytes);
+  transforms_ = make("transforms", vec4_bytes * 3);
+  active_ = make("active flags", capacity_ * 4ull);
+  search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
+  state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point, false));
+  state_ = {state_buffer_.slice(), capacity_, Unknowns::point, false};
+}
+
+void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
+                            const RootFindingSettings& settings) {
+  if (points > capacity_) throw std::invalid_argument(fmt::format("root search of {} points in room for {}", points, capacity_));
+  const uint64_t bytes = uint64_t(padded_points(points)) * 16;
+  if (networks_.spec().skinning.kind == Skinning::none) {
+    commands.copy(targets.sub(0, bytes), canonical.sub(0, bytes));
+    return;
+  }
+  if (networks_.spec().skinning.kind != Skinning::network)
+    throw std::invalid_argument("skinning by template weights is not rendered by this version: train with the skinning network");
+
+  // The wanted points, in order; then their starts.
+  CompactArgs wanted;
+  wanted.rows.range.points = points;
+  wanted.flagged_points = targets;
+  wanted.scratch = scratch_.slice();
+  wanted.compacted = ids_[0].slice();
+  wanted.count = count_[0].slice();
+  record_compact(commands, wanted);
+  int current = 0;
+  auto rows = [&] { return Rows{{points, count_[current].slice()}, ids_[current].slice()}; };
+
+  NearestVertexArgs nearest;
+  nearest.rows = rows();
+  nearest.frame = frame.constants();
+  nearest.posed = targets;
+  nearest.target = frame.vertices();
+  nearest.canonical = starts_.slice();
+  nearest.nearest = nearest_.slice();
+  record_nearest_vertex(commands, nearest);
+
+  auto evaluate = [&](const BufferSlice& at, bool transforms) {
+    record_normalise_inputs(commands, {rows(), frame.constants(), at, tape_->input()});
+    networks_.skinning().record_forward(commands, *tape_, rows().range);
+    LbsArgs lbs;
+    lbs.tree = &networks_.tree();
+    lbs.rows = rows();
+    lbs.logits = tape_->output();
+    lbs.frame = frame.constants();
+    lbs.canonical = at;
+    lbs.posed = posed_.slice();
+    if (transforms) lbs.transforms = transforms_.slice();
+    record_lbs(commands, lbs);
+  };
+  auto compact = [&] {
+    CompactArgs args;
+    args.rows = rows();
+    args.flags = active_.slice();
+    args.scratch = scratch_.slice();
+    args.compacted = ids_[1 - current].slice();
+    args.count = count_[1 - current].slice();
+    record_compact(commands, args);
+    current = 1 - current;
+  };
+
+  evaluate(starts_.slice(), true);
+  BroydenStartArgs start;
+  start.rows = rows();
+  start.state = state_;
+  start.frame = frame.constants();
+  start.starts = starts_.slice();
+  start.posed = posed_.slice();
+  start.transforms = transforms_.slice();
+  start.targets = targets;
+  start.active = active_.slice();
+  start.max_iterations = settings.max_iterations;
+  record_broyden_start(commands, start);
+  compact();
+
+  // Most points need three steps (ARAH.md §11): look at how many are left only now and then.
+  for (uint32_t iteration = 0, batch = 4; iteration < settings.max_iterations;) {
+    for (const uint32_t end = std::min(iteration + batch, settings.max_iterations); iteration < end; ++iteration) {
+      evaluate(state_.iterates(), false);
+      BroydenStepArgs step;
+      step.rows = rows();
+      step.state = state_;
+      step.frame = frame.constants();
+      step.posed = posed_.slice();
+      step.targets = targets;
+      step.active = active_.slice();
+      step.max_iterations = settings.max_iterations;
+      step.tolerance = settings.tolerance;
+      record_broyden_step(commands, step);
+      compact();
+    }
+    commands.submit_and_wait();
+    WorkCount left{};
+    device_.download(count_[current].slice(), &left, sizeof left);
+    if (left.count == 0) break;
+    batch = 8;
+  }
+
+  BroydenFinishArgs finish;
+  finish.points = points;
+  finish.state = state_;
+  finish.canonical = canonical;
+  finish.counts = search_counts_.slice();
+  commands.fill(search_counts_.slice(), 0);
+  record_broyden_finish(commands, finish);
+  commands.submit_and_wait();
+  shared::SearchCounts counts{};
+  device_.download(search_counts_.slice(), &counts, sizeof counts);
+  counts_.points += counts.converged + counts.diverged + counts.exhausted;
+  counts_.steps += counts.steps;
+  counts_.converged += counts.converged;
+  counts_.diverged += counts.diverged;
+  counts_.exhausted += counts.exhausted;
+}
+
+BufferSlice PointRootFinder::record_transforms(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& canonical) {
+  const Rows rows{{points, {}}, {}};
+  record_normalise_inputs(commands, {rows, frame.constants(), canonical, tape_->input()});
+  networks_.skinning().record_forward(commands, *tape_, rows.range);
+  LbsArgs lbs;
+  lbs.tree = &networks_.tree();
+  lbs.rows = rows;
+  lbs.logits = tape_->output();
+  lbs.frame = frame.constants();
+  lbs.canonical = canonical;
+  lbs.posed = posed_.slice();
+  lbs.transforms = transforms_.slice();
+  record_lbs(commands, lbs);
+  return transforms_.slice();
+}
+
+}  // namespace arah

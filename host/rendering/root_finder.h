@@ -1,0 +1,52 @@
+// Canonical correspondences of posed points: the search that DESIGN.md's story calls tracing, as launches over queues
+// (ARAH.md §§4, 5). Loops that depend on how many points are still searching are decided here, between submissions.
+#pragma once
+
+#include <optional>
+
+#include "host/rendering/avatar_networks.h"
+#include "host/rendering/frame_on_device.h"
+#include "kernels/tracing/broyden_state.h"
+#include "shaders/shared/tracing.h"
+
+namespace arah {
+
+struct RootFindingSettings {
+  uint32_t max_iterations = 50;  // the paper's; fewer drop the slow tail (98 % converge within 11)
+  float tolerance = 1e-5f;       // metres
+};
+
+// What became of the searches since the last reset.
+struct RootFindingCounts {
+  uint64_t points = 0, steps = 0, converged = 0, diverged = 0, exhausted = 0;
+};
+
+// Point-wise search: for each target, x̂ with LBS(x̂) = target, from the nearest posed vertex.
+class PointRootFinder {
+ public:
+  // capacity: points at a time.
+  PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity);
+
+  // targets: vec4 by point (posed space, w > 0: wanted). canonical: vec4 by point, w = 1 found, 0 not.
+  // Records into commands and submits: on return the work is done.
+  // With template weights the nearest vertex decides and every wanted point counts as found; without skinning x̂ = target.
+  void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
+             const RootFindingSettings& settings);
+
+  // Three vec4 by point: the rows of Σ_b w_b B_b at canonical points. Overwritten by the next solve.
+  BufferSlice record_transforms(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& canonical);
+
+  RootFindingCounts counts() const { return counts_; }
+  void reset_counts() { counts_ = {}; }
+
+ private:
+  Device& device_;
+  AvatarNetworks& networks_;
+  uint32_t capacity_;
+  RootFindingCounts counts_;
+  std::optional<DenseTape> tape_;
+  BroydenState state_;
+  Buffer state_buffer_, posed_, transforms_, starts_, nearest_, active_, ids_[2], count_[2], scratch_, search_counts_;
+};
+
+}  // namespace arah

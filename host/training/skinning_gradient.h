@@ -1,0 +1,34 @@
+// What the skinning network learns from: the colours, through the implicit gradient of the correspondence (paper, App.
+// "Implicit Gradients"), and the template's weights on its surface (ARAH.md §7).
+#pragma once
+
+#include <random>
+
+#include "host/rendering/avatar_networks.h"
+#include "host/rendering/frame_on_device.h"
+#include "host/training/template_samples.h"
+
+namespace arah {
+
+class SkinningGradient {
+ public:
+  // rows: samples of a step; points: of the template's surface. scratch_floats: of partial sums, shared with others.
+  SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points);
+  uint64_t scratch_floats() const;
+
+  // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=).
+  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, const BufferSlice& scratch);
+
+  // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
+  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);
+  void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
+
+ private:
+  Device& device_;
+  AvatarNetworks& networks_;
+  uint32_t points_;
+  DenseTape rows_tape_, points_tape_;
+  Buffer posed_, transforms_, jacobians_, cotangents_, singular_, gradients_[3], surface_, target_joints_, target_weights_, loss_scratch_;
+};
+
+}  // namespace arah

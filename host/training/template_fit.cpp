@@ -1,0 +1,159 @@
+#include "host/training/template_fit.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <stdexcept>
+
+#include "host/training/skinning_gradient.h"
+#include "kernels/optimizer/adam.h"
+#include "shaders/shared/frame.h"
+
+namespace arah {
+namespace {
+
+constexpr uint32_t points = 2048;  // a step
+constexpr double distance_weight = 10, eikonal_weight = 0.1;  // RECIPE.md §1, "init"
+constexpr uint64_t eikonal_every = 4;
+constexpr double end_fraction = 0.02;  // of the rate, by a cosine
+
+// Adam over one group of the flat buffer.
+class GroupOptimizer {
+ public:
+  GroupOptimizer(Device& device, AvatarNetworks& networks, const std::string& group)
+      : networks_(networks), begin_(networks.layout().group(group).begin), count_(networks.layout().group(group).size()),
+        first_(device, "fit: first moments", count_ * 4, BufferPlace::device), second_(device, "fit: second moments", count_ * 4, BufferPlace::device) {
+    Commands zero(device);
+    zero.fill(first_.slice(), 0);
+    zero.fill(second_.slice(), 0);
+    zero.submit_and_wait();
+  }
+  BufferSlice gradients() { return networks_.gradients().elements(begin_, count_); }
+  void record(Commands& commands, uint32_t step, double rate) {
+    AdamArgs adam;
+    adam.step = step;
+    adam.rate = rate;
+    adam.parameters = networks_.parameters().elements(begin_, count_);
+    adam.gradients = gradients();
+    adam.first_moments = first_.slice().elements(0, count_);
+    adam.second_moments = second_.slice().elements(0, count_);
+    record_adam(commands, adam);
+  }
+
+ private:
+  AvatarNetworks& networks_;
+  uint64_t begin_, count_;
+  Buffer first_, second_;
+};
+
+double rate_at(double rate, uint32_t step, uint32_t steps) {
+  return rate * (end_fraction + (1 - end_fraction) * 0.5 * (1 + std::cos(std::numbers::pi * step / steps)));
+}
+
+}  // namespace
+
+TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress) {
+  const TemplateSamples samples = draw_template_samples(avatar, settings.seed);
+  AvatarNetworks networks(device, avatar, true);
+  Commands commands(device);
+  std::mt19937_64 generator(settings.seed ^ 0x51f7ull);
+  const bool skins = avatar.spec.skinning.kind == Skinning::network;
+  const double all = settings.fit_steps + (skins ? settings.fit_skinning_steps : 0);
+  auto report = [&](double done) {
+    if (progress && !progress(done / std::max(all, 1.0))) throw std::runtime_error("stopped");
+  };
+  TemplateFit fit;
+
+  // SDF. The losses are simple and the points few: the host forms the cotangents from the device's values.
+  SirenTape tape(device, "fit: sdf", networks.sdf_shape(), points, SirenTape::Holds::second_order);
+  Buffer scratch(device, "fit: partial sums", 4 * std::max(networks.sdf().weight_gradient_scratch(points), networks.unpack_scratch()), BufferPlace::device);
+  GroupOptimizer sdf(device, networks, "sdf");
+  const double unit = avatar.cube.metres_per_unit();
+  std::vector<float> input(size_t(points) * channel_padding), cotangent(input.size()), target(points);
+  auto draw = [&](bool near_surface_only) {
+    for (uint32_t i = 0; i < points; ++i) {
+      const auto& pool = near_surface_only || i % 2 ? samples.near : samples.volume;
+      const DistanceSample& s = pool[std::uniform_int_distribution<size_t>(0, pool.size() - 1)(generator)];
+      const glm::dvec3 n = avatar.cube.to_cube(s.position);
+      for (int axis = 0; axis < 3; ++axis) input[size_t(i) * channel_padding + static_cast<size_t>(axis)] = static_cast<float>(n[axis]);
+      target[i] = static_cast<float>((s.signed_distance - settings.clothing) / unit);
+    }
+    device.upload(tape.input().slice, input);
+  };
+  for (uint32_t step = 0; step < settings.fit_steps; ++step) {
+    const bool eikonal = step % eikonal_every == 0;
+    draw(false);
+    networks.record_pack(commands, 0);
+    networks.sdf().record_forward(commands, tape, {points, {}}, true);
+    if (eikonal) networks.sdf().record_gradient(commands, tape, {points, {}}, true);
+    commands.submit_and_wait();
+    const auto f = device.download<float>(tape.sdf().slice);
+    for (uint32_t i = 0; i < points; ++i) {
+      const float error = f[size_t(i) * channel_padding] - target[i];
+      cotangent[size_t(i) * channel_padding] = static_cast<float>(distance_weight / points) * (error > 0 ? 1.0f : error < 0 ? -1.0f : 0.0f);
+    }
+    device.upload(tape.sdf_cotangent().slice, cotangent);
+    if (eikonal) {
+      auto gradient = device.download<float>(tape.gradient().slice);
+      for (uint32_t i = 0; i < points; ++i) {
+        float* g = &gradient[size_t(i) * channel_padding];
+        const double length = std::sqrt(double(g[0]) * g[0] + double(g[1]) * g[1] + double(g[2]) * g[2]);
+        const double factor = length > 0 ? eikonal_weight / points * (length > 1 ? 1 : -1) / length : 0;
+        for (int axis = 0; axis < 3; ++axis) g[axis] = static_cast<float>(factor * g[axis]);
+      }
+      device.upload(tape.gradient_cotangent().slice, gradient);
+    }
+    commands.fill(networks.gradients(), 0);
+    Siren::Backward backward;
+    backward.gradient = eikonal;
+    backward.scratch = scratch.slice();
+    networks.sdf().record_backward(commands, tape, {points, {}}, backward);
+    networks.sdf().record_unpack(commands);
+    sdf.record(commands, step + 1, rate_at(settings.fit_rate, step, settings.fit_steps));
+    commands.submit_and_wait();
+    report(step);
+  }
+  draw(true);
+  networks.record_pack(commands, 0);
+  networks.sdf().record_forward(commands, tape, {points, {}}, false);
+  commands.submit_and_wait();
+  const auto f = device.download<float>(tape.sdf().slice);
+  double sum = 0, count = 0;
+  for (uint32_t i = 0; i < points; ++i)
+    if (std::abs(target[i] * unit + settings.clothing) < 0.01) sum += std::abs(f[size_t(i) * channel_padding] - target[i]) * unit, count += 1;
+  fit.sdf_error = sum / std::max(count, 1.0);
+
+  if (skins) {
+    SkinningGradient gradient(device, networks, point_padding, points);
+    Buffer skinning_scratch(device, "fit: partial sums of skinning", 4 * gradient.scratch_floats(), BufferPlace::device);
+    Buffer losses(device, "fit: losses", 256, BufferPlace::shared);
+    GroupOptimizer skinning(device, networks, "skinning");
+    // Only the cube's map is read of a frame here.
+    FrameConstants constants{};
+    constants.cube_scale = static_cast<float>(1 / unit);
+    for (int axis = 0; axis < 3; ++axis) constants.cube_offset[axis] = static_cast<float>(avatar.cube.to_cube(glm::dvec3(0))[axis]);
+    Buffer frame(device, "fit: cube", sizeof constants, BufferPlace::device);
+    device.upload(frame.slice(), &constants, sizeof constants);
+    for (uint32_t step = 0; step < settings.fit_skinning_steps; ++step) {
+      gradient.set_surface(step % 2 ? samples.around : samples.surface, generator);
+      commands.fill(networks.gradients(), 0);
+      commands.fill(losses.slice(), 0);
+      networks.record_pack(commands, 0);
+      gradient.record_surface_loss(commands, frame.slice(), 1, false, losses.slice(), 0, skinning_scratch.slice());
+      networks.record_unpack(commands, 0, {false, true, false}, skinning_scratch.slice());
+      skinning.record(commands, step + 1, rate_at(settings.fit_rate, step, settings.fit_skinning_steps));
+      commands.submit_and_wait();
+      if (step % 2 == 0) {
+        float loss = 0;
+        device.download(losses.slice().elements(0, 1), &loss, 4);
+        fit.skinning_error = loss;
+      }
+      report(settings.fit_steps + step);
+    }
+  }
+  avatar.parameters = device.download<float>(networks.parameters().elements(0, networks.layout().floats));
+  return fit;
+}
+
+}  // namespace arah

@@ -1,0 +1,22 @@
+// The start of training: the canonical SDF and the skinning network fitted to the subject's own template
+// (ARAH.md §10, "A licence-free alternative").
+#pragma once
+
+#include <functional>
+
+#include "host/training/template_samples.h"
+#include "host/training/training_settings.h"
+
+namespace arah {
+
+struct TemplateFit {
+  double sdf_error = 0;       // mean |f − target| over points within 1 cm of the surface, metres
+  double skinning_error = 0;  // mean Σ_b |w_b − w_b of the template| over surface points
+};
+
+// Trains the avatar's sdf and skinning parameters for settings.fit_steps and fit_skinning_steps.
+// The SDF's target is the template's distance less settings.clothing: people wear clothes.
+// progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
+TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress = {});
+
+}  // namespace arah

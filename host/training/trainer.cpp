@@ -1,0 +1,352 @@
+#include "host/training/trainer.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <sstream>
+#include <stdexcept>
+
+#include "host/avatar/avatar_file.h"
+#include "host/input_error.h"
+#include "kernels/compositing/backward.h"
+#include "kernels/compositing/forward.h"
+#include "kernels/losses/eikonal.h"
+#include "kernels/losses/image.h"
+#include "kernels/losses/sdf_penalty.h"
+#include "kernels/optimizer/adam.h"
+#include "kernels/optimizer/clip_scale.h"
+#include "kernels/optimizer/sum_of_squares.h"
+#include "kernels/reduction/sum.h"
+
+namespace arah {
+namespace {
+
+// Slots of the losses buffer; the image loss fills two.
+enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, loss_slots };
+
+// Fixed-point unit of the grid's gradient: contributions of a loss over R rays are about 1 / R (kernels/color/feature_grid.h).
+float grid_scale(const TrainingSettings& settings) { return static_cast<float>(settings.rays) * 4096.0f; }
+
+// Streams of random numbers of a step, apart from the jitter's own counter-based ones.
+std::mt19937_64 step_generator(uint64_t seed, uint64_t step, uint64_t stream) {
+  std::seed_seq sequence{uint32_t(seed), uint32_t(seed >> 32), uint32_t(step), uint32_t(step >> 32), uint32_t(stream)};
+  return std::mt19937_64(sequence);
+}
+
+}  // namespace
+
+Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings)
+    : device_(device),
+      avatar_(std::move(avatar)),
+      settings_(settings),
+      commands_(device),
+      networks_(device, avatar_, true),
+      images_(device, avatar_, capture, settings.size, settings.sampling.shell),
+      template_samples_(draw_template_samples(avatar_, settings.seed)),
+      samples_(device, networks_, settings.rays, settings.sampling),
+      field_(device, networks_, settings.rays * settings.sampling.samples, settings.sampling.samples, true),
+      eikonal_tape_(device, "eikonal points", networks_.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
+      sign_tape_(device, "points inside and outside", networks_.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
+  const uint32_t rays = padded_points(settings.rays), rows = padded_points(settings.rays * settings.sampling.samples);
+  if (avatar_.spec.skinning.kind == Skinning::network) skinning_.emplace(device, networks_, rows, settings.skinning_points);
+  auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
+    Buffer buffer(device, std::string("training: ") + what, bytes, place);
+    commands_.fill(buffer.slice(), 0);
+    commands_.submit_and_wait();
+    return buffer;
+  };
+  const uint64_t bytes = networks_.layout().floats * 4;
+  first_moments_ = make("first moments", bytes);
+  second_moments_ = make("second moments", bytes);
+  averages_ = make("averaged parameters", bytes);
+  device.upload(averages_.slice(), avatar_.parameters);
+  const uint64_t grid_floats = networks_.layout().group("grid").size();
+  grid_sums_ = make("sums of the grid's gradient", std::max<uint64_t>(grid_floats * 4, 256));
+  grid_clamped_ = make("count of clamped gradients", 4, BufferPlace::shared);
+  losses_ = make("losses", loss_slots * 4, BufferPlace::shared);
+  targets_ = make("photographs", rays * 16ull);
+  colors_ = make("colours", rays * 16ull);
+  d_colors_ = make("gradient of colours", rays * 16ull);
+  ray_depths_ = make("depths", rays * 4ull);
+  weights_ = make("weights", rows * 4ull);
+  transmittances_ = make("transmittances", rows * 4ull);
+  partials_ = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
+  squares_ = make("partial sums of squares", squares_partials(networks_.layout().floats) * sizeof(shared::SquaresPartial));
+  const auto& layout_groups = networks_.layout().groups;
+  norms_ = make("norms of gradients", layout_groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
+  scratch_ = make("partial sums of weight gradients", 4 * std::max({networks_.sdf().weight_gradient_scratch(eikonal_tape_.capacity()), networks_.sdf().weight_gradient_scratch(sign_tape_.capacity()),
+                                                                    skinning_ ? skinning_->scratch_floats() : 64, field_.scratch_floats()}));
+  const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
+                                                            {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid}};
+  for (const ParameterGroup& group : layout_groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
+}
+
+Trainer::Batch Trainer::draw_batch() {
+  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 0);
+  auto below = [&](size_t count) { return std::uniform_int_distribution<size_t>(0, count - 1)(generator); };
+  Batch batch;
+  // A picture in which no ray meets the shell (the person out of view) has nothing to teach; a few may be met in a row.
+  for (int tries = 0;; ++tries) {
+    batch.place = images_.places()[below(images_.places().size())];
+    const TrainingImage& image = images_.image(commands_, samples_, batch.place);
+    if (image.person.empty() && image.around.empty()) {
+      if (tries > 1000) throw InputError("capture", "pictures", "a person in view of the training cameras", "no ray that comes near the posed template", "Check cameras and poses with arah inspect.");
+      continue;
+    }
+    const auto on_person = image.around.empty() ? settings_.rays : image.person.empty() ? 0u : static_cast<uint32_t>(std::lround(settings_.rays * settings_.mask_fraction));
+    for (uint32_t ray = 0; ray < settings_.rays; ++ray) {
+      const auto& pool = ray < on_person ? image.person : image.around;
+      const TrainingImage::Pixel& pixel = pool[below(pool.size())];
+      batch.pixels.push_back(pixel.place);
+      batch.targets.push_back(pixel.target);
+    }
+    return batch;
+  }
+}
+
+void Trainer::upload_regulariser_points() {
+  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1);
+  std::uniform_real_distribution<float> cube(-1, 1);
+  auto pick = [&](const std::vector<glm::vec3>& pool) { return pool[std::uniform_int_distribution<size_t>(0, pool.size() - 1)(generator)]; };
+  auto put = [](std::vector<float>& rows, size_t row, const glm::vec3& n) {
+    for (int axis = 0; axis < 3; ++axis) rows[row * channel_padding + static_cast<size_t>(axis)] = n[axis];
+  };
+  std::vector<float> eikonal(size_t(eikonal_tape_.capacity()) * channel_padding, 0.0f), sign(size_t(sign_tape_.capacity()) * channel_padding, 0.0f);
+  for (uint32_t i = 0; i < settings_.eikonal_points; ++i) {
+    const float x = cube(generator), y = cube(generator), z = cube(generator);
+    put(eikonal, i, {x, y, z});
+  }
+  for (uint32_t i = 0; i < settings_.off_surface_points; ++i) put(sign, i, avatar_.cube.to_cube(pick(template_samples_.off_surface)));
+  for (uint32_t i = 0; i < settings_.inside_points; ++i) put(sign, padded_points(settings_.off_surface_points) + i, avatar_.cube.to_cube(pick(template_samples_.inside)));
+  device_.upload(eikonal_tape_.input().slice, eikonal);
+  device_.upload(sign_tape_.input().slice, sign);
+}
+
+void Trainer::record_regularisers() {
+  // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points.
+  const PointRange eikonal{settings_.eikonal_points, {}};
+  networks_.sdf().record_forward(commands_, eikonal_tape_, eikonal, true);
+  networks_.sdf().record_gradient(commands_, eikonal_tape_, eikonal, true);
+  EikonalLossArgs loss;
+  loss.points = settings_.eikonal_points;
+  loss.normaliser = 2.0f * float(settings_.eikonal_points);
+  loss.weight = static_cast<float>(settings_.eikonal_weight);
+  loss.gradients = eikonal_tape_.gradient();
+  loss.d_gradients = eikonal_tape_.gradient_cotangent();
+  loss.losses = losses_.slice();
+  loss.slot = eikonal_slot;
+  loss.partials = partials_.slice();
+  record_eikonal_loss(commands_, loss);
+  Siren::Backward backward;
+  backward.gradient = true;
+  backward.accumulate = true;
+  backward.scratch = scratch_.slice();
+  networks_.sdf().record_backward(commands_, eikonal_tape_, eikonal, backward);
+
+  const uint32_t inside_first = padded_points(settings_.off_surface_points);
+  const PointRange sign{inside_first + settings_.inside_points, {}};
+  networks_.sdf().record_forward(commands_, sign_tape_, sign, true);
+  auto penalty = [&](SdfPenalty kind, uint32_t first, uint32_t points, double weight, LossSlot slot) {
+    SdfPenaltyArgs args;
+    args.penalty = kind;
+    args.points = points;
+    args.normaliser = 2.0f * float(points);
+    args.weight = static_cast<float>(weight);
+    args.sdf = sign_tape_.sdf().rows_from(first);
+    args.d_sdf = sign_tape_.sdf_cotangent().rows_from(first);
+    args.losses = losses_.slice();
+    args.slot = slot;
+    args.partials = partials_.slice();
+    record_sdf_penalty(commands_, args);
+  };
+  penalty(SdfPenalty::off_surface, 0, settings_.off_surface_points, settings_.off_surface_weight, off_surface_slot);
+  penalty(SdfPenalty::inside, inside_first, settings_.inside_points, settings_.inside_weight, inside_slot);
+  backward.gradient = false;
+  networks_.sdf().record_backward(commands_, sign_tape_, sign, backward);
+}
+
+void Trainer::record_update(Group& group, size_t index) {
+  const bool grid = group.name == "grid";
+  const uint64_t count = group.end - group.begin;
+  const BufferSlice gradients = grid ? grid_sums_.slice().elements(0, count) : networks_.gradients().elements(group.begin, count);
+  if (!grid) {
+    record_sum_of_squares(commands_, {gradients, squares_.slice(), 0});
+    record_clip_scale(commands_, {squares_partials(count), squares_.slice(), static_cast<float>(group.settings->max_norm), norms_.slice(), static_cast<uint32_t>(index)});
+  }
+  const double factor = rate_factor(*group.settings, settings_, steps_, done_);
+  if (factor == 0) {
+    if (grid) commands_.fill(grid_sums_.slice(), 0);
+    return;
+  }
+  group.updates += 1;
+  AdamArgs adam;
+  adam.step = static_cast<uint32_t>(group.updates);
+  adam.rate = group.settings->rate * factor;
+  adam.weight_decay = group.settings->weight_decay;
+  // A short memory at first: the average must not hold on to where it started.
+  adam.average_decay = std::min(settings_.average_decay, double(1 + group.updates) / double(10 + group.updates));
+  adam.parameters = networks_.parameters().elements(group.begin, count);
+  adam.gradients = gradients;
+  adam.first_moments = first_moments_.slice().elements(group.begin, count);
+  adam.second_moments = second_moments_.slice().elements(group.begin, count);
+  adam.averages = averages_.slice().elements(group.begin, count);
+  if (grid) {
+    adam.lazy = true;
+    adam.gradient_unit = 1.0f / grid_scale(settings_);
+  } else {
+    adam.norms = norms_.slice();
+    adam.norm_index = static_cast<uint32_t>(index);
+  }
+  record_adam(commands_, adam);
+}
+
+StepReport Trainer::step(uint64_t steps_left) {
+  const Batch batch = draw_batch();
+  FrameOnDevice& frame = images_.frame(batch.place.frame);
+  const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
+  device_.upload(targets_.slice(), batch.targets);
+  upload_regulariser_points();
+  const bool skinning_step = skinning_ && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
+  if (skinning_step) {
+    std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
+    skinning_->set_surface(template_samples_.surface, generator);
+  }
+
+  // Forward.
+  const uint64_t dense_floats = networks_.layout().group("grid").begin;
+  commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
+  commands_.fill(losses_.slice(), 0);
+  networks_.record_pack(commands_, row);
+  samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), batch.pixels);
+  samples_.root_finder().reset_counts();
+  samples_.place(commands_, frame, settings_.rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), 0});
+  const Field::Inputs inputs{frame.constants(), samples_.canonical(), samples_.rays(), samples_.rows(settings_.rays)};
+  field_.record_forward(commands_, inputs);
+  CompositeForwardArgs composite;
+  composite.samples.rays = settings_.rays;
+  composite.samples.samples = samples_.samples();
+  composite.samples.sdf = field_.sdf();
+  composite.samples.metres_per_unit = static_cast<float>(avatar_.cube.metres_per_unit());
+  composite.samples.rgb = field_.rgb();
+  composite.samples.points = samples_.canonical();
+  composite.samples.deltas = samples_.deltas();
+  composite.samples.parameters = networks_.parameters();
+  composite.samples.scale_index = networks_.deviation_index();
+  composite.depths = samples_.depths();
+  composite.colors = colors_.slice();
+  composite.ray_depths = ray_depths_.slice();
+  composite.weights = weights_.slice();
+  composite.transmittances = transmittances_.slice();
+  record_composite_forward(commands_, composite);
+
+  // Losses and the way back.
+  ImageLossArgs image;
+  image.rays = settings_.rays;
+  image.normaliser = float(settings_.rays);
+  image.color_weight = static_cast<float>(settings_.color_weight);
+  image.alpha_weight = static_cast<float>(settings_.alpha_weight);
+  image.colors = colors_.slice();
+  image.targets = targets_.slice();
+  image.d_colors = d_colors_.slice();
+  image.losses = losses_.slice();
+  image.slot = color_slot;
+  image.partials = partials_.slice();
+  record_image_loss(commands_, image);
+  CompositeBackwardArgs back;
+  back.samples = composite.samples;
+  back.transmittances = transmittances_.slice();
+  back.colors = colors_.slice();
+  back.d_colors = d_colors_.slice();
+  back.d_sdf = field_.d_sdf();
+  back.d_rgb = field_.d_rgb();
+  back.gradients = networks_.gradients();
+  back.partials = partials_.slice();
+  record_composite_backward(commands_, back);
+  Field::Backward field_back;
+  field_back.position = skinning_step;
+  field_back.grid_scale = grid_scale(settings_);
+  field_back.grid_sums = grid_sums_.slice();
+  field_back.grid_clamped = grid_clamped_.slice();
+  field_.record_backward(commands_, inputs, field_back);
+  record_regularisers();
+  if (skinning_step) {
+    skinning_->record_from_positions(commands_, frame, inputs.rows, samples_.canonical(), field_.position_gradient(), scratch_.slice());
+    skinning_->record_surface_loss(commands_, frame.constants(), settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
+  }
+  networks_.record_unpack(commands_, row, {true, skinning_step, true}, scratch_.slice());
+  for (size_t g = 0; g < groups_.size(); ++g)
+    if (groups_[g].begin < groups_[g].end && (groups_[g].name != "skinning" || skinning_step)) record_update(groups_[g], g);
+  commands_.submit_and_wait();
+
+  // A group whose gradient is not finite was left alone by Adam; training must not go on as if nothing were.
+  const auto norms = device_.download<shared::GradientNorm>(norms_.slice().sub(0, groups_.size() * sizeof(shared::GradientNorm)));
+  for (size_t g = 0; g < groups_.size(); ++g)
+    if (norms[g].nonfinite)
+      throw std::runtime_error(fmt::format("training step {}: {} numbers of the gradient of '{}' are NaN or infinite", steps_ + 1, norms[g].nonfinite, groups_[g].name));
+
+  const auto losses = device_.download<float>(losses_.slice().elements(0, loss_slots));
+  StepReport report;
+  report.color = losses[color_slot], report.alpha = losses[alpha_slot], report.eikonal = losses[eikonal_slot];
+  report.off_surface = losses[off_surface_slot], report.inside = losses[inside_slot];
+  if (skinning_step) last_skinning_loss_ = losses[skinning_slot] / (settings_.skinning_weight > 0 ? settings_.skinning_weight : 1);
+  report.skinning = last_skinning_loss_;
+  report.total = settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
+                 settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning;
+  report.sdf_norm = norms[0].norm;
+  const RootFindingCounts counts = samples_.root_finder().counts();
+  report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
+  float b = 0;
+  device_.download(networks_.parameter("b").elements(0, 1), &b, 4);
+  report.b = std::abs(b);
+  steps_ += 1;
+  done_ += (1 - done_) / double(std::max<uint64_t>(steps_left, 1));
+  report.step = steps_;
+  return report;
+}
+
+Avatar Trainer::avatar() {
+  Avatar result = avatar_;
+  result.parameters = device_.download<float>((settings_.average_decay > 0 ? averages_.slice() : networks_.parameters()).elements(0, networks_.layout().floats));
+  result.seed = settings_.seed;
+  result.steps = steps_;
+  result.settings = settings_to_json(settings_);
+  return result;
+}
+
+SafetensorsFile Trainer::checkpoint() {
+  SafetensorsFile file = avatar_tensors(avatar());
+  const auto floats = static_cast<int64_t>(networks_.layout().floats);
+  auto put = [&](const char* name, const BufferSlice& slice) { file.tensors[name] = Tensor::from<float>({floats}, device_.download<float>(slice.elements(0, networks_.layout().floats))); };
+  put("optimizer.parameters", networks_.parameters());
+  put("optimizer.averages", averages_.slice());
+  put("optimizer.first_moments", first_moments_.slice());
+  put("optimizer.second_moments", second_moments_.slice());
+  std::vector<int64_t> updates;
+  for (const Group& group : groups_) updates.push_back(static_cast<int64_t>(group.updates));
+  file.tensors["optimizer.updates"] = Tensor::from<int64_t>({static_cast<int64_t>(updates.size())}, updates);
+  file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
+  file.tensors["training.last_skinning_loss"] = Tensor::from<double>({}, std::vector<double>{last_skinning_loss_});
+  return file;
+}
+
+void Trainer::resume(const SafetensorsFile& file) {
+  const Avatar saved = avatar_from_tensors(file);
+  if (!(saved.layout == avatar_.layout)) throw InputError(file.path.string(), "spec", "the avatar that this training is about", "one with other parts or sizes");
+  const auto floats = static_cast<int64_t>(networks_.layout().floats);
+  auto take = [&](const char* name, const BufferSlice& slice) { device_.upload(slice, file.values<float>(name, {floats})); };
+  take("optimizer.parameters", networks_.parameters());
+  take("optimizer.averages", averages_.slice());
+  take("optimizer.first_moments", first_moments_.slice());
+  take("optimizer.second_moments", second_moments_.slice());
+  const auto updates = file.values<int64_t>("optimizer.updates", {static_cast<int64_t>(groups_.size())});
+  for (size_t g = 0; g < groups_.size(); ++g) groups_[g].updates = static_cast<uint64_t>(updates[g]);
+  done_ = file.values<double>("training.done", {})[0];
+  last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
+  steps_ = saved.steps;
+}
+
+}  // namespace arah

@@ -1,0 +1,87 @@
+// Training: rendering run backwards plus an optimiser. One call of step() is one step; the caller decides when to stop, to
+// save and to report.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/avatar/safetensors.h"
+#include "host/rendering/field.h"
+#include "host/rendering/ray_samples.h"
+#include "host/training/skinning_gradient.h"
+#include "host/training/template_samples.h"
+#include "host/training/training_images.h"
+#include "host/training/training_settings.h"
+
+namespace arah {
+
+// Unweighted values of the terms of one step (ARAH.md §7), and what else is worth a line in the log.
+struct StepReport {
+  uint64_t step = 0;  // steps done, this one included
+  double color = 0, alpha = 0, eikonal = 0, off_surface = 0, inside = 0, skinning = 0;  // skinning: of the last step that had it
+  double total = 0;   // weighted sum
+  double sdf_norm = 0;  // of the sdf group's gradient before clipping
+  double b = 0;         // metres
+  double converged = 0;  // share of the samples whose correspondence was found
+};
+
+class Trainer {
+ public:
+  // avatar: untrained, or fitted to its template, or the one that `resume` continues. The capture must outlive the trainer.
+  Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings);
+
+  const TrainingSettings& settings() const { return settings_; }
+  uint64_t steps_done() const { return steps_; }
+  double done() const { return done_; }
+
+  // One step. steps_left: how many are still to come, this one included: the schedule's position moves from where it is
+  // towards 1 in that many steps. Throws std::runtime_error naming the group where a gradient is not finite, and leaves the
+  // parameters as they were.
+  StepReport step(uint64_t steps_left);
+
+  // The avatar with the averaged weights, as rendering wants it.
+  Avatar avatar();
+  // Everything that continuing bit for bit needs: avatar_tensors plus "optimizer.*" tensors and "training.*" metadata.
+  SafetensorsFile checkpoint();
+  // Takes up a checkpoint of the same avatar. Throws InputError naming what does not fit.
+  void resume(const SafetensorsFile& file);
+
+ private:
+  struct Group {
+    std::string name;
+    const GroupSettings* settings = nullptr;
+    uint64_t begin = 0, end = 0;  // floats
+    uint64_t updates = 0;         // Adam's t
+  };
+  struct Batch {
+    TrainingImages::Place place;
+    std::vector<uint32_t> pixels;
+    std::vector<std::array<float, 4>> targets;
+  };
+  Batch draw_batch();
+  void upload_regulariser_points();
+  void record_regularisers();
+  void record_update(Group& group, size_t index);
+
+  Device& device_;
+  Avatar avatar_;
+  TrainingSettings settings_;
+  Commands commands_;
+  AvatarNetworks networks_;
+  TrainingImages images_;
+  TemplateSamples template_samples_;
+  RaySamples samples_;
+  Field field_;
+  SirenTape eikonal_tape_, sign_tape_;
+  std::optional<SkinningGradient> skinning_;
+  Buffer first_moments_, second_moments_, averages_, grid_sums_, grid_clamped_, losses_, targets_, colors_, d_colors_, ray_depths_, weights_, transmittances_, partials_, squares_, norms_, scratch_;
+  std::vector<Group> groups_;
+  uint64_t steps_ = 0;
+  double done_ = 0;
+  double last_skinning_loss_ = 0;
+};
+
+}  // namespace arah

@@ -1,0 +1,55 @@
+#include "host/training/training_images.h"
+
+#include <algorithm>
+
+#include "host/input_error.h"
+
+namespace arah {
+
+TrainingImages::TrainingImages(Device& device, const Avatar& avatar, const Capture& capture, int size, const ShellSettings& shell)
+    : device_(device), avatar_(avatar), capture_(capture), size_(size), shell_(shell), body_(device, avatar.body) {
+  const Motion& motion = motion_of(capture, "train");
+  frames_.resize(motion.frames.size());
+  for (const Camera& camera : capture.cameras) cameras_.push_back(size > 0 ? camera.scaled(size) : camera);
+  for (size_t camera = 0; camera < capture.cameras.size(); ++camera) {
+    if (capture.cameras[camera].role != "train") continue;
+    const std::vector<int> with_picture = frames_with_images(capture, "train", camera);
+    for (size_t frame = 0; frame < motion.frames.size(); ++frame)
+      if (std::find(with_picture.begin(), with_picture.end(), motion.frames[frame].number) != with_picture.end()) places_.push_back({camera, frame});
+  }
+  std::sort(places_.begin(), places_.end(), [](const Place& a, const Place& b) { return a.frame != b.frame ? a.frame < b.frame : a.camera < b.camera; });
+  if (places_.empty()) throw InputError(capture.path.string(), "images/train", "pictures from cameras of the role train", "none");
+}
+
+int TrainingImages::frame_number(size_t frame) const { return motion_of(capture_, "train").frames[frame].number; }
+
+FrameOnDevice& TrainingImages::frame(size_t frame) {
+  std::unique_ptr<FrameOnDevice>& slot = frames_[frame];
+  if (!slot) slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, motion_of(capture_, "train").frames[frame].pose, shell_);
+  return *slot;
+}
+
+const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finder, const Place& place) {
+  const auto [slot, made] = images_.try_emplace({place.camera, place.frame});
+  TrainingImage& image = slot->second;
+  if (!made) return image;
+  const Image picture = load_image(capture_, "train", place.camera, frame_number(place.frame), size_);
+  FrameOnDevice& frame_here = frame(place.frame);
+  std::vector<uint32_t> pixels;
+  for (int v = 0; v < picture.height; ++v)
+    for (int u = 0; u < picture.width; ++u) pixels.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
+  for (size_t first = 0; first < pixels.size(); first += finder.capacity_rays()) {
+    const size_t count = std::min<size_t>(finder.capacity_rays(), pixels.size() - first);
+    finder.set_pixels(commands, frame_here, cameras_[place.camera], {pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(first + count)});
+    const std::vector<uint32_t> kept = finder.kept_counts(static_cast<uint32_t>(count));
+    for (size_t i = 0; i < count; ++i) {
+      if (kept[i] == 0) continue;
+      const float* rgba = &picture.rgba[4 * (first + i)];
+      const bool person = rgba[3] >= 0.5f;
+      (person ? image.person : image.around).push_back({pixels[first + i], {rgba[0], rgba[1], rgba[2], person ? 1.0f : 0.0f}});
+    }
+  }
+  return image;
+}
+
+}  // namespace arah

@@ -1,0 +1,57 @@
+// The pictures that training looks at, reduced to what it reads of them: pixels whose rays can meet the person.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "host/capture/capture.h"
+#include "host/rendering/frame_on_device.h"
+#include "host/rendering/ray_samples.h"
+
+namespace arah {
+
+// Pixels of one picture whose rays enter the template's shell.
+struct TrainingImage {
+  struct Pixel {
+    uint32_t place = 0;              // column | row << 16
+    std::array<float, 4> target{};  // rgb on black, mask 0 or 1
+  };
+  std::vector<Pixel> person;  // mask set
+  std::vector<Pixel> around;  // mask not set
+};
+
+// Frames and pictures of the capture's training split, made when first asked for and kept.
+class TrainingImages {
+ public:
+  struct Place {
+    size_t camera = 0;  // of the capture
+    size_t frame = 0;   // of the training motion
+  };
+
+  // size: columns that pictures are reduced to; 0: as they are. Throws InputError where there is no training picture.
+  TrainingImages(Device& device, const Avatar& avatar, const Capture& capture, int size, const ShellSettings& shell);
+
+  const std::vector<Place>& places() const { return places_; }  // every training picture, by frame, then by camera
+  FrameOnDevice& frame(size_t frame);
+  // `finder` lends its ray buffers for the test of which rays enter the shell. Submits where the picture is new.
+  const TrainingImage& image(Commands& commands, RaySamples& finder, const Place& place);
+  const Camera& camera(size_t index) const { return cameras_[index]; }
+  int frame_number(size_t frame) const;
+
+ private:
+  Device& device_;
+  const Avatar& avatar_;
+  const Capture& capture_;
+  int size_;
+  ShellSettings shell_;
+  TemplateOnDevice body_;
+  std::vector<Camera> cameras_;
+  std::vector<Place> places_;
+  std::vector<std::unique_ptr<FrameOnDevice>> frames_;
+  std::map<std::pair<size_t, size_t>, TrainingImage> images_;
+};
+
+}  // namespace arah

@@ -1,0 +1,174 @@
+#include "host/training/training_settings.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <set>
+
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+using nlohmann::json;
+
+// One list of fields serves both directions: visit(name, value) for each.
+template <typename Group, typename Visit>
+void visit_group(Group& g, const Visit& visit) {
+  visit("rate", g.rate);
+  visit("freeze", g.freeze);
+  visit("warm_up", g.warm_up);
+  visit("max_norm", g.max_norm);
+  visit("weight_decay", g.weight_decay);
+}
+
+template <typename Settings, typename Visit>
+void visit_settings(Settings& s, const Visit& visit) {
+  visit("preset", s.preset);
+  visit("seed", s.seed);
+  visit("size", s.size);
+  visit("steps", s.steps);
+  visit("minutes", s.minutes);
+  visit("rays", s.rays);
+  visit("mask_fraction", s.mask_fraction);
+  visit("samples", s.sampling.samples);
+  visit("shell_cell", s.sampling.shell.cell);
+  visit("shell_margin", s.sampling.shell.margin);
+  visit("shell_outer", s.sampling.shell.outer);
+  visit("shell_inner", s.sampling.shell.inner);
+  visit("root_max_iterations", s.sampling.root.max_iterations);
+  visit("root_tolerance", s.sampling.root.tolerance);
+  visit("color_weight", s.color_weight);
+  visit("alpha_weight", s.alpha_weight);
+  visit("eikonal_weight", s.eikonal_weight);
+  visit("off_surface_weight", s.off_surface_weight);
+  visit("inside_weight", s.inside_weight);
+  visit("skinning_weight", s.skinning_weight);
+  visit("eikonal_points", s.eikonal_points);
+  visit("off_surface_points", s.off_surface_points);
+  visit("inside_points", s.inside_points);
+  visit("skinning_points", s.skinning_points);
+  visit("skinning_every", s.skinning_every);
+  visit("sdf", s.sdf);
+  visit("mapping", s.mapping);
+  visit("skinning", s.skinning);
+  visit("color", s.color);
+  visit("latent", s.latent);
+  visit("deviation", s.deviation);
+  visit("grid", s.grid);
+  visit("end_fraction", s.end_fraction);
+  visit("average_decay", s.average_decay);
+  visit("checkpoint_minutes", s.checkpoint_minutes);
+  visit("fit_steps", s.fit_steps);
+  visit("fit_skinning_steps", s.fit_skinning_steps);
+  visit("fit_rate", s.fit_rate);
+  visit("clothing", s.clothing);
+}
+
+struct Writer {
+  json& object;
+  template <typename T>
+  void operator()(const char* name, const T& value) const {
+    if constexpr (std::is_same_v<T, GroupSettings>) visit_group(value, Writer{object[name]});
+    else object[name] = value;
+  }
+};
+
+struct Reader {
+  const json& object;
+  const std::string& where;
+  const std::string prefix;
+  mutable std::set<std::string> known = {};
+
+  template <typename T>
+  void operator()(const char* name, T& value) const {
+    known.insert(name);
+    const std::string field = prefix + name;
+    const auto found = object.find(name);
+    if (found == object.end()) throw InputError(where, field, "a value", "no such field");
+    if constexpr (std::is_same_v<T, GroupSettings>) {
+      if (!found->is_object()) throw InputError(where, field, "an object", found->type_name());
+      const Reader reader{*found, where, field + "."};
+      visit_group(value, reader);
+      reader.refuse_unknown();
+    } else {
+      const bool fits = std::is_same_v<T, std::string> ? found->is_string()
+                        : std::is_floating_point_v<T>  ? found->is_number()
+                                                       : found->is_number_unsigned() && (sizeof(T) == 8 || found->template get<uint64_t>() <= 0x7fffffff);
+      if (!fits) throw InputError(where, field, std::is_same_v<T, std::string> ? "a text" : std::is_floating_point_v<T> ? "a number" : "a whole number of at least 0", found->dump());
+      value = found->template get<T>();
+    }
+  }
+  void refuse_unknown() const {
+    for (const auto& [name, value] : object.items())
+      if (!known.contains(name)) throw InputError(where, prefix + name, "a setting of this version", "an unknown field");
+  }
+};
+
+}  // namespace
+
+TrainingSettings preset_settings(const std::string& preset) {
+  TrainingSettings s;
+  s.preset = preset;
+  s.sampling.root.max_iterations = 12;
+  s.sdf = {.rate = 2e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
+  s.mapping = {.rate = 1e-4};
+  s.skinning = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
+  s.color = {.rate = 1e-3, .warm_up = 100};
+  s.latent = {.rate = 1e-3};
+  s.deviation = {.rate = 1e-4};
+  s.grid = {.rate = 1e-2};
+  if (preset == "tiny") return s;
+  if (preset == "compact") {
+    s.sdf.rate = 1e-4;
+    s.fit_rate = 5e-4;
+    s.minutes = 30;
+    return s;
+  }
+  if (preset == "paper") {
+    s.rays = 2048;
+    s.mask_fraction = 0.5;
+    s.sampling.samples = 32;
+    s.sampling.root.max_iterations = 50;
+    s.eikonal_weight = 50;
+    s.alpha_weight = 0;
+    s.eikonal_points = s.off_surface_points = s.inside_points = s.skinning_points = 1024;
+    s.skinning_every = 1;
+    s.sdf = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
+    s.skinning = s.color = s.deviation = s.mapping = {.rate = 1e-4};
+    s.latent = {.rate = 1e-4, .weight_decay = 0.05};
+    s.end_fraction = 1;
+    s.fit_rate = 2e-4;
+    s.minutes = 600;
+    return s;
+  }
+  throw InputError("--preset", "", "tiny, compact or paper", "'" + preset + "'");
+}
+
+std::string settings_to_json(const TrainingSettings& settings) {
+  json object = json::object();
+  visit_settings(settings, Writer{object});
+  return object.dump(2);
+}
+
+TrainingSettings settings_from_json(const std::string& text, const std::string& where) {
+  const json object = json::parse(text, nullptr, false);
+  if (!object.is_object()) throw InputError(where, "", "a JSON object of training settings", "something else");
+  TrainingSettings settings;
+  const Reader reader{object, where, ""};
+  visit_settings(settings, reader);
+  reader.refuse_unknown();
+  if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
+  return settings;
+}
+
+double rate_factor(const GroupSettings& group, const TrainingSettings& settings, uint64_t step, double done) {
+  if (step < group.freeze) return 0;
+  const double warm = group.warm_up == 0 ? 1.0 : std::min(1.0, double(step - group.freeze + 1) / double(group.warm_up));
+  const double cosine = settings.end_fraction + (1 - settings.end_fraction) * 0.5 * (1 + std::cos(std::numbers::pi * std::min(done, 1.0)));
+  return warm * cosine;
+}
+
+}  // namespace arah

@@ -1,0 +1,59 @@
+// Everything that decides how an avatar is trained, as data with a JSON form (RUN/config.json).
+// Sources: ARAH.md §7 for the paper's values, RECIPE.md for what trains well in minutes on two CPU cores.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "host/rendering/ray_samples.h"
+
+namespace arah {
+
+// Rate of a parameter group over training: 0 for `freeze` steps, linear over `warm_up` steps, times a cosine from 1 to
+// TrainingSettings::end_fraction over the whole training.
+struct GroupSettings {
+  double rate = 0;
+  uint64_t freeze = 0;
+  uint64_t warm_up = 0;
+  double max_norm = 0;  // of the group's gradient; 0: not clipped
+  double weight_decay = 0;
+};
+
+struct TrainingSettings {
+  std::string preset = "tiny";
+  uint64_t seed = 0;
+  int size = 0;         // columns that pictures are reduced to; 0: as they are
+  uint64_t steps = 0;   // 0: as many as `minutes` allow
+  double minutes = 10;  // of wall-clock time in all; read where steps is 0
+
+  uint32_t rays = 256;           // a step, of one picture
+  double mask_fraction = 0.6;    // of them on the person, the others in the shell around
+  SamplingSettings sampling;
+
+  double color_weight = 30, alpha_weight = 1;
+  double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
+  uint32_t eikonal_points = 256, off_surface_points = 128, inside_points = 128, skinning_points = 256;
+  uint32_t skinning_every = 4;  // steps: the skinning network learns from colours and from the template every so often; 0: never
+
+  GroupSettings sdf, mapping, skinning, color, latent, deviation, grid;
+  double end_fraction = 0.03;     // of each rate, at the end
+  double average_decay = 0.995;   // of the moving average that renders; 0: none
+  double checkpoint_minutes = 2;  // between checkpoints
+
+  uint32_t fit_steps = 500;       // of the start: SDF to the template
+  uint32_t fit_skinning_steps = 500;
+  double fit_rate = 1e-3;
+  double clothing = 0.01;         // metres that the start lies outside the template
+};
+
+// "tiny", "compact" or "paper". Throws InputError naming the presets for another word.
+TrainingSettings preset_settings(const std::string& preset);
+
+std::string settings_to_json(const TrainingSettings& settings);
+// Every field must be there and none else; InputError naming `where` and the field otherwise.
+TrainingSettings settings_from_json(const std::string& text, const std::string& where);
+
+// Factor of a group's rate at a step, with the part of the training that is done (0..1).
+double rate_factor(const GroupSettings& group, const TrainingSettings& settings, uint64_t step, double done);
+
+}  // namespace arah
