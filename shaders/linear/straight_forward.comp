@@ -27,17 +27,21 @@ void main() {
   vec4 a[QUADS];
   [[unroll]] for (int q = 0; q < QUADS; ++q) a[q] = MODE == MODE_TANGENT ? vec4(0) : packed_weights.w[q];  // a tangent has no bias
   [[unroll]] for (int first = 0; first < K; first += CHUNK) {
-    const int channels = min(CHUNK, K - first);
+    // all trip counts are constants, or the driver unrolls none of these loops; what lies beyond K folds away
     vec4 x[CHUNK / 4];
-    [[unroll]] for (int k = 0; k < channels / 4; ++k) x[k] = imageLoad(X, x_base + first / 4 + k);
+    [[unroll]] for (int k = 0; k < CHUNK / 4; ++k)
+      if (first + 4 * k < K) x[k] = imageLoad(X, x_base + first / 4 + k);
     barrier();
     [[unroll]] for (int pair = 0; pair < QUADS; pair += 2) {
-      [[unroll]] for (int k = 0; k < channels / 4; ++k)
-        [[unroll]] for (int c = 0; c < 4; ++c) {
-          const int row = QUADS + (first + 4 * k + c) * QUADS + pair;
-          a[pair] += x[k][c] * packed_weights.w[row];
-          a[pair + 1] += x[k][c] * packed_weights.w[row + 1];
+      [[unroll]] for (int k = 0; k < CHUNK / 4; ++k) {
+        if (first + 4 * k < K) {
+          [[unroll]] for (int c = 0; c < 4; ++c) {
+            const int row = QUADS + (first + 4 * k + c) * QUADS + pair;
+            a[pair] += x[k][c] * packed_weights.w[row];
+            a[pair + 1] += x[k][c] * packed_weights.w[row + 1];
+          }
         }
+      }
       barrier();
     }
   }
