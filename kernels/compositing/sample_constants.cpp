@@ -7,9 +7,10 @@
 namespace arah {
 
 shared::CompositeConstants composite_constants(const CompositeSamples& s, float last_delta) {
-  if (s.rgb.stride % 4 || s.rgb.column % 4)
-    throw std::invalid_argument(fmt::format("compositing: colours of stride {} at column {}, multiples of 4 expected",
-                                            s.rgb.stride, s.rgb.column));
+  for (const Matrix* matrix : {&s.sdf, &s.rgb})
+    if (matrix->stride % 4 || matrix->column % 4)
+      throw std::invalid_argument(fmt::format("compositing: {} of stride {} at column {}, multiples of 4 expected",
+                                              matrix == &s.sdf ? "sdf" : "colours", matrix->stride, matrix->column));
   // lavapipe ends every invocation after 65,535 loop iterations, silently; the walk forward makes two loops.
   if (s.samples > 30000)
     throw std::invalid_argument(fmt::format("compositing: {} samples a ray, at most 30000 are possible", s.samples));

@@ -6,7 +6,7 @@
 
 namespace arah {
 
-// Throws std::invalid_argument, with the numbers, where the colours' stride or column is no multiple of 4 or a ray has
+// Throws std::invalid_argument, with the numbers, where a stride or column is no multiple of 4 or a ray has
 // more samples than a device's loop may run through.
 shared::CompositeConstants composite_constants(const CompositeSamples& samples, float last_delta);
 

@@ -9,9 +9,9 @@ namespace arah {
 struct CompositeSamples {
   uint32_t rays = 0;
   uint32_t samples = 0;       // of each ray, at most 30,000
-  Matrix sdf;                 // its first column: the sdf network's value. Any stride: 4 reads x of a vec4 array
+  Matrix sdf;                 // its first column: the sdf network's value. Strides and columns are multiples of 4
   float metres_per_unit = 1;  // of that value
-  Matrix rgb;                 // 3 columns, [0, 1]; stride and column are multiples of 4
+  Matrix rgb;                 // 3 columns, [0, 1]
   BufferSlice points;         // [rows] vec4; w = 0: the sample is skipped, whatever its numbers
   BufferSlice deltas;         // [rows] float, metres
   BufferSlice parameters;     // float

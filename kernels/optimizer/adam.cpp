@@ -16,6 +16,7 @@ void record_adam(Commands& commands, const AdamArgs& args) {
   if (args.step == 0) throw std::invalid_argument("adam: step 0; steps are counted from 1");
   const uint64_t count = range_floats("adam", args.parameters.bytes);
   const bool averaged = !args.averages.empty(), limited = !args.norms.empty();
+  const bool on_cpu = commands.device().report().type == DeviceType::cpu;
   std::vector<BufferSlice> parallel{args.gradients, args.first_moments, args.second_moments};
   if (averaged) parallel.push_back(args.averages);
   for (const BufferSlice& slice : parallel)
@@ -41,18 +42,23 @@ void record_adam(Commands& commands, const AdamArgs& args) {
     constants.eights = static_cast<uint32_t>(floats / 8);
     const auto part = [&](const BufferSlice& slice) { return Binding(slice.elements(first, floats), floats * 4); };
     Launch launch;
-    launch.pipeline =
-        &commands.device().pipeline("optimizer/adam", {args.lazy ? 1u : 0u, limited ? 1u : 0u, averaged ? 1u : 0u});
+    launch.pipeline = &commands.device().pipeline(
+        "optimizer/adam", {args.lazy ? 1u : 0u, limited ? 1u : 0u, averaged ? 1u : 0u, on_cpu ? 1u : 0u});
     launch.name = args.lazy ? "adam, lazy" : "adam";
-    launch.groups = {padded_points(constants.eights) / point_padding, 1, 1};
+    const uint32_t eights_of_group = point_padding * (args.lazy ? shared::lazy_eights : 1);
+    launch.groups = {(constants.eights + eights_of_group - 1) / eights_of_group, 1, 1};
     // What is not used needs a buffer all the same.
+    const Binding average = part(averaged ? args.averages : args.parameters);
     launch.bindings = {part(args.parameters),
                        part(args.gradients),
                        part(args.first_moments),
                        part(args.second_moments),
-                       part(averaged ? args.averages : args.parameters),
+                       average,
                        limited ? Binding(args.norms, (uint64_t(args.norm_index) + 1) * sizeof(shared::GradientNorm))
                                : part(args.parameters)};
+    for (const BufferSlice& written : {args.parameters, args.gradients, args.first_moments, args.second_moments})
+      launch.bindings.push_back(part(written));
+    launch.bindings.push_back(average);
     launch.push_constants = &constants;
     launch.push_constant_bytes = sizeof(constants);
     launch.after_previous = first == 0;  // chunks touch different numbers

@@ -12,7 +12,7 @@ void record_sum_of_squares(Commands& commands, const SumOfSquaresArgs& args) {
   for (uint64_t first = 0; first < count; first += optimizer_chunk) {
     const uint64_t floats = std::min(optimizer_chunk, count - first);
     const uint32_t first_partial = args.first_partial + squares_partials(first);
-    const shared::SumOfSquaresConstants constants{static_cast<uint32_t>(floats / 8), first_partial};
+    const shared::SumOfSquaresConstants constants{static_cast<uint32_t>(floats / 4), first_partial};
     Launch launch;
     launch.pipeline = &commands.device().pipeline("optimizer/sum_of_squares");
     launch.name = "gradient norm, squares";

@@ -13,7 +13,7 @@ void record_shell_bins(Commands& commands, const ShellBinsArgs& args) {
   launch.name = "shell bins of rays";
   launch.groups = {padded / point_padding, 1, 1};
   launch.bindings = {{args.rays, uint64_t(args.count) * 32},
-                     {args.distances, uint64_t(node_count(args.grid)) * 4},
+                     {args.distances, uint64_t(padded_points(node_count(args.grid))) * 4},
                      {args.kept, uint64_t(padded) * 8},
                      {args.kept_counts, uint64_t(padded) * 4}};
   launch.push_constants = &constants;

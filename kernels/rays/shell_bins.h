@@ -14,7 +14,7 @@ struct ShellBinsArgs {
   float outer = 0.055F;                     // metres: bins whose centre is farther outside are dropped
   float inner = 0.03F;                      // metres: the first bin whose centre is deeper inside is the last kept
   BufferSlice rays;                         // [count] Ray (shaders/shared/ray.h)
-  BufferSlice distances;                    // [nodes] float, metres (record_shell_distance)
+  BufferSlice distances;                    // [padded_points(nodes)] float, metres (record_shell_distance)
   // out: [padded_points(count)] uvec2: bit i of the 64 keeps the i-th of the ray's 64 equal bins from near to far. The
   // distance at a bin's centre is interpolated trilinearly; outside the grid is far. 0 for rays that miss the box.
   BufferSlice kept;

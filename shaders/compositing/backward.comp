@@ -16,9 +16,9 @@ layout(constant_id = 0) const uint d_sdf_quads = 2;  // channels / 4 that are wr
 layout(constant_id = 1) const uint d_rgb_quads = 2;
 
 layout(push_constant, scalar) uniform Constants { CompositeBackwardConstants c; };
-layout(binding = 0, scalar) readonly buffer Sdf { float sdf[]; };
-layout(binding = 1, scalar) readonly buffer Rgb { vec4 rgb[]; };
-layout(binding = 2, scalar) readonly buffer Points { float points[]; };
+layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
+layout(binding = 1, rgba32f) uniform readonly imageBuffer rgb;
+layout(binding = 2, rgba32f) uniform readonly imageBuffer points;
 layout(binding = 3, scalar) readonly buffer Deltas { float deltas[]; };
 layout(binding = 4, scalar) readonly buffer Parameters { float parameters[]; };
 layout(binding = 5, scalar) readonly buffer Transmittances { float transmittances[]; };
@@ -34,8 +34,8 @@ void main() {
   bool real = ray < rays;
   uint of_ray = min(ray, rays - 1u);
   uint samples = c.forward.samples;
-  uint sdf_stride = c.forward.sdf_stride;
-  uint sdf_column = c.forward.sdf_column;
+  uint sdf_stride = c.forward.sdf_stride / 4u;
+  uint sdf_column = c.forward.sdf_column / 4u;
   uint rgb_stride = c.forward.rgb_stride / 4u;
   uint rgb_column = c.forward.rgb_column / 4u;
   uint d_sdf_stride = c.d_sdf_stride / 4u;
@@ -53,14 +53,14 @@ void main() {
   float d_b = 0.0;
   for (uint k = samples; k > 0u; --k) {
     uint read = of_ray * samples + k - 1u;
-    bool valid = real && points[4u * read + 3u] != 0.0;
+    bool valid = real && imageLoad(points, int(read)).w != 0.0;
     float delta = deltas[read];
-    Density density = laplace_density(metres * sdf[read * sdf_stride + sdf_column], b);
+    Density density = laplace_density(metres * imageLoad(sdf, int(read * sdf_stride + sdf_column)).x, b);
     float optical_depth = density.value * delta;
     float passing = exp(-optical_depth);
     float alpha = -stable_expm1(-optical_depth);
     float transmittance = transmittances[read];
-    vec3 of_sample = rgb[read * rgb_stride + rgb_column].xyz;
+    vec3 of_sample = imageLoad(rgb, int(read * rgb_stride + rgb_column)).xyz;
     float of_weight = dot(upstream.xyz, of_sample) + of_sum;
     float of_density = transmittance * (of_weight - behind) * delta * passing;
     behind = valid ? of_weight * alpha + (passing + 1e-7) * behind : behind;

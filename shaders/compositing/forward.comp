@@ -15,9 +15,9 @@ layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint deltas_are_differences = 0;
 
 layout(push_constant, scalar) uniform Constants { CompositeConstants c; };
-layout(binding = 0, scalar) readonly buffer Sdf { float sdf[]; };
-layout(binding = 1, scalar) readonly buffer Rgb { vec4 rgb[]; };
-layout(binding = 2, scalar) readonly buffer Points { float points[]; };  // 4 a sample; the last is 0 where invalid
+layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
+layout(binding = 1, rgba32f) uniform readonly imageBuffer rgb;
+layout(binding = 2, rgba32f) uniform readonly imageBuffer points;  // w = 0: invalid
 layout(binding = 3, scalar) readonly buffer Depths { float depths[]; };
 layout(binding = 4, scalar) buffer Deltas { float deltas[]; };
 layout(binding = 5, scalar) readonly buffer Parameters { float parameters[]; };
@@ -31,8 +31,8 @@ void main() {
   bool real = ray < c.rays;
   uint samples = c.samples;
   uint first = min(ray, c.rays - 1u) * samples;
-  uint sdf_stride = c.sdf_stride;
-  uint sdf_column = c.sdf_column;
+  uint sdf_stride = c.sdf_stride / 4u;
+  uint sdf_column = c.sdf_column / 4u;
   uint rgb_stride = c.rgb_stride / 4u;
   uint rgb_column = c.rgb_column / 4u;
   float metres = c.metres_per_unit;
@@ -44,7 +44,7 @@ void main() {
     float next = 0.0;
     for (uint k = samples; k > 0u; --k) {
       uint row = first + k - 1u;
-      bool valid = points[4u * row + 3u] != 0.0;
+      bool valid = imageLoad(points, int(row)).w != 0.0;
       float depth = depths[row];
       float delta = is_last ? last_delta : next - depth;
       if (real) deltas[row] = valid ? delta : 0.0;
@@ -58,12 +58,13 @@ void main() {
   float ray_depth = 0.0;
   for (uint k = 0u; k < samples; ++k) {
     uint row = first + k;
-    bool valid = points[4u * row + 3u] != 0.0;
-    float optical_depth = laplace_density(metres * sdf[row * sdf_stride + sdf_column], b).value * deltas[row];
+    bool valid = imageLoad(points, int(row)).w != 0.0;
+    float value = metres * imageLoad(sdf, int(row * sdf_stride + sdf_column)).x;
+    float optical_depth = laplace_density(value, b).value * deltas[row];
     float alpha = valid ? -stable_expm1(-optical_depth) : 0.0;
     float through = valid ? exp(-optical_depth) + 1e-7 : 1.0;
     float weight = alpha * transmittance;
-    vec3 of_sample = rgb[row * rgb_stride + rgb_column].xyz;
+    vec3 of_sample = imageLoad(rgb, int(row * rgb_stride + rgb_column)).xyz;
     color += valid ? weight * vec4(of_sample, 1.0) : vec4(0.0);
     ray_depth += valid ? weight * depths[row] : 0.0;
     if (real) {

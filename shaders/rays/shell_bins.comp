@@ -11,15 +11,27 @@ layout(local_size_x = 64) in;
 
 layout(push_constant, scalar) uniform Constants { ShellBinsConstants c; };
 layout(binding = 0, scalar) readonly buffer Rays { Ray rays[]; };
-layout(binding = 1, scalar) readonly buffer Distances { float distances[]; };
+layout(binding = 1, rgba32f) uniform readonly imageBuffer distances;  // four nodes a texel
 layout(binding = 2, scalar) writeonly buffer Kept { uvec2 kept[]; };
 layout(binding = 3, scalar) writeonly buffer KeptCounts { uint kept_counts[]; };
+
+// Distances of a node and of the next one along x. The latter lies in the next texel only where the former is the last of its own.
+vec2 node_pair(uint node, int last_texel) {
+  int texel = int(node >> 2u);
+  vec4 here = imageLoad(distances, texel);
+  float after = imageLoad(distances, min(texel + 1, last_texel)).x;
+  uint place = node & 3u;
+  vec2 low = place == 0u ? here.xy : here.yz;
+  vec2 high = place == 2u ? here.zw : vec2(here.w, after);
+  return place < 2u ? low : high;
+}
 
 void main() {
   uint index = gl_GlobalInvocationID.x;
   Ray ray = rays[min(index, c.count - 1u)];
   uvec3 nodes = c.grid.nodes;
   vec3 last = vec3(nodes - 1u);
+  int last_texel = int((nodes.x * nodes.y * nodes.z - 1u) >> 2u);
   float outer = c.outer;
   float inner = c.inner;
   // Along the ray in units of cells.
@@ -37,8 +49,8 @@ void main() {
     vec3 part = within - vec3(corner);
     uint node = (corner.z * nodes.y + corner.y) * nodes.x + corner.x;
     uint above = node + nodes.x * nodes.y;
-    vec4 low = vec4(distances[node], distances[node + 1u], distances[node + nodes.x], distances[node + nodes.x + 1u]);
-    vec4 high = vec4(distances[above], distances[above + 1u], distances[above + nodes.x], distances[above + nodes.x + 1u]);
+    vec4 low = vec4(node_pair(node, last_texel), node_pair(node + nodes.x, last_texel));
+    vec4 high = vec4(node_pair(above, last_texel), node_pair(above + nodes.x, last_texel));
     vec4 level = mix(low, high, part.z);
     vec2 line = mix(level.xy, level.zw, part.y);
     float signed_distance = mix(line.x, line.y, part.x);

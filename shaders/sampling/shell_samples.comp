@@ -5,13 +5,12 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
 #include "lib/random.glsl"
-#include "shared/ray.h"
 #include "shared/sampling.h"
 
 layout(local_size_x = 64) in;
 
 layout(push_constant, scalar) uniform Constants { ShellSamplesConstants c; };
-layout(binding = 0, scalar) readonly buffer Rays { Ray rays[]; };
+layout(binding = 0, rgba32f) uniform readonly imageBuffer rays;  // two texels a Ray: origin and near, direction and far
 layout(binding = 1, scalar) readonly buffer Kept { uvec2 kept[]; };
 layout(binding = 2, scalar) writeonly buffer Depths { float depths[]; };
 layout(binding = 3, scalar) writeonly buffer Deltas { float deltas[]; };
@@ -39,18 +38,21 @@ void main() {
   uint of_ray = min(row, c.rays * c.samples - 1u);
   uint ray_index = of_ray / c.samples;
   uint sample_index = of_ray - ray_index * c.samples;
-  Ray ray = rays[ray_index];
+  vec4 from = imageLoad(rays, 2 * int(ray_index));
+  vec4 along = imageLoad(rays, 2 * int(ray_index) + 1);
+  float near = from.w;
+  float far = along.w;
   uvec2 bits = kept[ray_index];
   uint bins = uint(bitCount(bits.x) + bitCount(bits.y));
-  bool valid = bins > 0u && ray.near < ray.far && row < c.rays * c.samples;
+  bool valid = bins > 0u && near < far && row < c.rays * c.samples;
 
   float random = random_unit(c.seed, c.step_index, c.first_ray + ray_index, sample_index);
   float fraction = c.jitter != 0u ? random : 0.5;
   float position = (float(sample_index) + fraction) * float(bins) / float(c.samples);  // in bins along the union
   uint n = min(uint(position), max(bins, 1u) - 1u);
-  float width = (ray.far - ray.near) * (1.0 / 64.0);
-  float depth = ray.near + (float(set_bit(bits, n)) + (position - float(n))) * width;
-  vec3 posed = ray.origin + depth * ray.direction - c.root_translation;
+  float width = (far - near) * (1.0 / 64.0);
+  float depth = near + (float(set_bit(bits, n)) + (position - float(n))) * width;
+  vec3 posed = from.xyz + depth * along.xyz - c.root_translation;
 
   depths[row] = valid ? depth : 0.0;
   deltas[row] = valid ? width * float(bins) / float(c.samples) : 0.0;

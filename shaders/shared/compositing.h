@@ -9,9 +9,9 @@ namespace arah::shared {
 struct CompositeConstants {
   uint rays;
   uint samples;     // of each ray
-  uint sdf_stride;  // floats
+  uint sdf_stride;  // floats, multiples of 4, as the three below
   uint sdf_column;
-  uint rgb_stride;  // floats, multiples of 4
+  uint rgb_stride;
   uint rgb_column;
   uint scale_index;       // of b's free parameter among the parameters
   float metres_per_unit;  // of the sdf network

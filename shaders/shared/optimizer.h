@@ -20,15 +20,18 @@ struct SquaresPartial {
   uint nonfinite;
 };
 
-// Floats that one workgroup of optimizer/sum_of_squares reads: 64 invocations x 32 times x 8.
+// squares_tile: floats that one workgroup of optimizer/sum_of_squares reads, 64 invocations x 64 times x 4.
+// lazy_eights: eights that one invocation of a lazy optimizer/adam looks through.
 #ifdef __cplusplus
-inline constexpr uint squares_tile = 64 * 32 * 8;
+inline constexpr uint squares_tile = 64 * 64 * 4;
+inline constexpr uint lazy_eights = 8;
 #else
-const uint squares_tile = 64 * 32 * 8;
+const uint squares_tile = 64 * 64 * 4;
+const uint lazy_eights = 8;
 #endif
 
 struct SumOfSquaresConstants {
-  uint eights;  // numbers / 8
+  uint texels;  // numbers / 4
   uint first_partial;
 };
 

@@ -212,7 +212,7 @@ TEST_F(Optimizer, AGroupWithoutAFiniteNormIsLeftAsItIs) {
 }
 
 TEST_F(Optimizer, LazyAdamTouchesOnlyGroupsThatHaveAGradient) {
-  const size_t count = 4096;
+  const size_t count = 9024;  // two workgroups and some
   const double unit = 1.0 / 65536;
   const std::vector<float> start = uniform(count), m0 = uniform(count), v0 = uniform(count, 0, 1),
                            average0 = uniform(count);

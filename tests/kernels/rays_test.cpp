@@ -148,8 +148,8 @@ class Shell : public Rays {
     return {g.origin[0] + double(g.cell) * x, g.origin[1] + double(g.cell) * y, g.origin[2] + double(g.cell) * z};
   }
   std::vector<float> ball() const {
-    std::vector<float> distances(node_count(grid));
-    for (uint32_t i = 0; i < distances.size(); ++i) {
+    std::vector<float> distances(padded_points(node_count(grid)), NAN);
+    for (uint32_t i = 0; i < node_count(grid); ++i) {
       const Vector<3> p = node(grid, i);
       distances[i] = static_cast<float>(std::sqrt(reference::dot<3>(p, p)) - radius);
     }
