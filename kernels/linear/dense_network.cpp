@@ -22,6 +22,8 @@ DenseShape DenseShape::chain(LayerKind kind, const std::vector<uint32_t>& widths
 }
 
 DenseShape DenseShape::with_skip(int at) const {
+  if (skip >= 0 || at < 2 || static_cast<size_t>(at) >= layers.size())
+    throw std::invalid_argument(fmt::format("a network of {} layers with skip {} takes no skip before layer {}", layers.size(), skip, at));
   DenseShape shape = *this;
   const LayerShape& first = layers.at(0);
   LayerShape& layer = shape.layers.at(static_cast<size_t>(at));
@@ -47,7 +49,7 @@ DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& 
   values_.resize(shape.layers.size() + 1);
   adjoints_.resize(shape.layers.size());
   const uint32_t input = shape.padded_input();
-  wanted.emplace_back(&values_[0], make("input", input));
+  if (shape.skip < 0) wanted.emplace_back(&values_[0], make("input", input));
   for (size_t l = 0; l < shape.layers.size(); ++l) {
     if (static_cast<int>(l) + 1 == shape.skip) wanted.emplace_back(&joined_, make("joined input", shape.layers[l + 1].padded_inputs()));
     else wanted.emplace_back(&values_[l + 1], make("layer " + std::to_string(l), shape.layers[l].padded_outputs()));
@@ -79,6 +81,8 @@ DenseNetwork::DenseNetwork(Device& device, const std::string& name, const DenseS
     : name_(name), shape_(shape) {
   if (parameters.size() != shape.layers.size() || gradients.size() != shape.layers.size())
     throw std::invalid_argument(fmt::format("network '{}': {} layers, tensors for {}", name, shape.layers.size(), parameters.size()));
+  if (std::find(shape.activations.begin(), shape.activations.end(), Activation::sine) != shape.activations.end())
+    throw std::invalid_argument(fmt::format("network '{}': a sine's derivative does not follow from its value", name));
   layers_.reserve(shape.layers.size());
   for (size_t l = 0; l < shape.layers.size(); ++l) layers_.emplace_back(device, fmt::format("{} layer {}", name, l), shape.layers[l], parameters[l], gradients[l]);
 }
@@ -111,6 +115,7 @@ void DenseNetwork::record_forward(Commands& commands, DenseTape& tape, const Poi
 }
 
 void DenseNetwork::record_backward(Commands& commands, DenseTape& tape, const PointRange& range, const Backward& backward) {
+  if (tape.adjoints_[0].empty()) throw std::invalid_argument(fmt::format("network '{}': backward on a tape without gradients", name_));
   const size_t last = layers_.size() - 1;
   const Matrix cotangent = backward.cotangent.empty() ? tape.output_gradient_ : backward.cotangent;
   auto through_activation = [&](const Matrix& dy, size_t l) {

@@ -20,6 +20,8 @@ struct DenseShape {
   // A plain chain: widths w_0 → w_1 → … → w_n, `hidden` between, `last` at the end, constant inputs last in the input.
   static DenseShape chain(LayerKind kind, const std::vector<uint32_t>& widths, Activation hidden, Activation last, uint32_t constant_inputs = 0);
   // Concatenates the input before layer `at`: that layer's raw inputs become [input, hidden] with the input's constant part.
+  // Throws std::invalid_argument where there is a skip already, or no layer `at`, or at < 2: layer 0 would then read and write
+  // the one matrix that holds [input, hidden].
   DenseShape with_skip(int at) const;
 };
 
@@ -48,7 +50,8 @@ class DenseTape {
 
 class DenseNetwork {
  public:
-  // parameters and gradients: one LayerTensors a layer.
+  // parameters and gradients: one LayerTensors a layer. Throws std::invalid_argument where the counts differ, and for sines:
+  // the backward pass has the activations' values alone (sdf/siren.h keeps cosines).
   DenseNetwork(Device& device, const std::string& name, const DenseShape& shape, const std::vector<LayerTensors>& parameters,
                const std::vector<LayerTensors>& gradients);
 

@@ -16,6 +16,11 @@ ParameterisationConstants constants_of(const LayerShape& s) {
   return {s.inputs, s.outputs, s.padded_inputs(), s.padded_outputs(), s.constant_first, s.constant_count, s.gap_first, s.gap_count, s.omega};
 }
 
+void check_code(const std::string& name, const LayerShape& shape, const BufferSlice& code) {
+  if (shape.constant_count && code.bytes < shape.constant_count * 4ull)
+    throw std::invalid_argument(fmt::format("layer '{}': {} constant inputs, {} bytes given", name, shape.constant_count, code.bytes));
+}
+
 // An unused binding must name some buffer: the weights stand in.
 BufferSlice or_weights(const BufferSlice& slice, const LayerTensors& tensors) { return slice.empty() ? tensors.weight : slice; }
 
@@ -35,8 +40,7 @@ Layer::Layer(Device& device, const std::string& name, const LayerShape& shape, c
 PackedWeights Layer::packed() { return {shape_.padded_inputs(), shape_.padded_outputs(), forward_.slice(), transposed_.slice()}; }
 
 void Layer::record_pack(Commands& commands, const BufferSlice& code) {
-  if (shape_.constant_count && code.bytes < shape_.constant_count * 4)
-    throw std::invalid_argument(fmt::format("layer '{}': {} constant inputs, {} bytes given", name_, shape_.constant_count, code.bytes));
+  check_code(name_, shape_, code);
   const ParameterisationConstants constants = constants_of(shape_);
   Launch launch;
   launch.pipeline = &commands.device().pipeline("linear/pack_weights", {static_cast<uint32_t>(shape_.kind), linear_tile(constants.padded_outputs), linear_tile(constants.padded_inputs)});
@@ -51,6 +55,7 @@ void Layer::record_pack(Commands& commands, const BufferSlice& code) {
 }
 
 void Layer::record_unpack(Commands& commands, const BufferSlice& code, const BufferSlice& code_gradient) {
+  check_code(name_, shape_, code);
   const ParameterisationConstants constants = constants_of(shape_);
   Launch launch;
   launch.pipeline = &commands.device().pipeline("linear/unpack_gradient", {static_cast<uint32_t>(shape_.kind)});

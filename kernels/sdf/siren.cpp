@@ -8,7 +8,12 @@
 namespace arah {
 namespace {
 constexpr uint32_t narrow = channel_padding;  // width of matrices that hold one or three channels
+
+void require(bool held, const std::string& name, const char* pass, const char* order) {
+  if (!held) throw std::invalid_argument(fmt::format("SIREN '{}': {} needs a tape that holds {}", name, pass, order));
 }
+
+}  // namespace
 
 SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds) : capacity_(padded_points(capacity)) {
   const uint32_t width = padded_channels(shape.width);
@@ -92,6 +97,7 @@ uint64_t Siren::weight_gradient_scratch(uint32_t points) const {
 }
 
 void Siren::record_forward(Commands& commands, SirenTape& tape, const PointRange& range, bool keep) {
+  require(!keep || !tape.cosine_.empty(), name_, "a forward pass that keeps its cosines", "first order");
   for (uint32_t l = 0; l <= shape_.sine_layers; ++l) {
     const bool sine = l < shape_.sine_layers;
     LinearForwardArgs args;
@@ -99,7 +105,7 @@ void Siren::record_forward(Commands& commands, SirenTape& tape, const PointRange
     args.weights = layers_[l].packed();
     args.y = sine ? tape.sine_[l] : tape.sdf_;
     args.activation = sine ? Activation::sine : Activation::none;
-    if (sine && keep) args.cosine = tape.cosine_.at(l);
+    if (sine && keep) args.cosine = tape.cosine_[l];
     args.range = range;
     args.name = layers_[l].name() + ": forward";
     record_linear_forward(commands, args);
@@ -107,6 +113,8 @@ void Siren::record_forward(Commands& commands, SirenTape& tape, const PointRange
 }
 
 void Siren::record_gradient(Commands& commands, SirenTape& tape, const PointRange& range, bool keep_adjoints) {
+  require(!tape.phase_adjoint_.empty(), name_, "the field gradient", "first order");
+  require(!keep_adjoints || !tape.adjoint_.empty(), name_, "keeping the field gradient's adjoints", "second order");
   for (uint32_t l = shape_.sine_layers + 1; l-- > 0;) {
     LinearInputGradientArgs args;
     args.dy = l == shape_.sine_layers ? tape.ones_ : tape.phase_adjoint_[l];
@@ -117,7 +125,7 @@ void Siren::record_gradient(Commands& commands, SirenTape& tape, const PointRang
       args.result = tape.phase_adjoint_[l - 1];
       args.activation_below = Activation::sine;
       args.stored = tape.cosine_[l - 1];
-      if (keep_adjoints) args.raw = tape.adjoint_.at(l - 1);
+      if (keep_adjoints) args.raw = tape.adjoint_[l - 1];
     }
     args.range = range;
     args.name = layers_[l].name() + ": field gradient";
@@ -126,16 +134,18 @@ void Siren::record_gradient(Commands& commands, SirenTape& tape, const PointRang
 }
 
 void Siren::record_backward(Commands& commands, SirenTape& tape, const PointRange& range, const Backward& backward) {
+  require(!tape.loss_adjoint_.empty(), name_, "the backward pass", "first order");
+  require(!backward.gradient || !tape.tangent_.empty(), name_, "a cotangent on the field gradient", "second order");
   if (backward.gradient) {
     for (uint32_t l = 0; l < shape_.sine_layers; ++l) {
       LinearTangentArgs args;
       args.x = l == 0 ? tape.gradient_cotangent_ : tape.tangent_[l - 1];
       args.weights = layers_[l].packed();
-      args.y = tape.tangent_.at(l);
+      args.y = tape.tangent_[l];
       args.cosine = tape.cosine_[l];
       args.sine = tape.sine_[l];
-      args.adjoint = tape.adjoint_.at(l);
-      args.curvature = tape.curvature_.at(l);
+      args.adjoint = tape.adjoint_[l];
+      args.curvature = tape.curvature_[l];
       args.range = range;
       args.name = layers_[l].name() + ": tangent";
       record_linear_tangent(commands, args);

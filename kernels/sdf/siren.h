@@ -47,6 +47,7 @@ class SirenTape {
   std::vector<Matrix> loss_adjoint_;             // dL/dφ_i
 };
 
+// Recording throws std::invalid_argument where the tape holds too little.
 class Siren {
  public:
   // Tensors: sine_layers + 1 layers, the last one linear.
