@@ -22,7 +22,7 @@ DenseShape DenseShape::chain(LayerKind kind, const std::vector<uint32_t>& widths
 }
 
 DenseShape DenseShape::with_skip(int at) const {
-  if (skip >= 0 || at < 2 || static_cast<size_t>(at) >= layers.size())
+  if (skip >= 0 || at < 1 || static_cast<size_t>(at) >= layers.size())
     throw std::invalid_argument(fmt::format("a network of {} layers with skip {} takes no skip before layer {}", layers.size(), skip, at));
   DenseShape shape = *this;
   const LayerShape& first = layers.at(0);

@@ -20,8 +20,7 @@ struct DenseShape {
   // A plain chain: widths w_0 → w_1 → … → w_n, `hidden` between, `last` at the end, constant inputs last in the input.
   static DenseShape chain(LayerKind kind, const std::vector<uint32_t>& widths, Activation hidden, Activation last, uint32_t constant_inputs = 0);
   // Concatenates the input before layer `at`: that layer's raw inputs become [input, hidden] with the input's constant part.
-  // Throws std::invalid_argument where there is a skip already, or no layer `at`, or at < 2: layer 0 would then read and write
-  // the one matrix that holds [input, hidden].
+  // Throws std::invalid_argument where there is a skip already, or `at` is no layer after the first.
   DenseShape with_skip(int at) const;
 };
 

@@ -313,7 +313,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST_F(DenseNetworkTest, RefusesWhatDoesNotFit) {
   const DenseShape three = DenseShape::chain(LayerKind::plain, {9, 8, 8, 3}, Activation::relu, Activation::none);
-  EXPECT_THROW(three.with_skip(1), std::invalid_argument);
+  EXPECT_THROW(three.with_skip(0), std::invalid_argument);
   EXPECT_THROW(three.with_skip(3), std::invalid_argument);
   EXPECT_THROW(three.with_skip(2).with_skip(2), std::invalid_argument);
   const DenseShape plain = DenseShape::chain(LayerKind::plain, {9, 8, 3}, Activation::relu, Activation::none, 2);
