@@ -5,7 +5,7 @@
 
 #include "host/avatar/avatar.h"
 #include "kernels/rays/generate.h"
-#include "kernels/rays/shell_distance.h"
+#include "kernels/rays/shell_bins.h"
 #include "kernels/tracing/nearest_vertex.h"
 #include "kernels/vulkan/commands.h"
 
@@ -32,7 +32,6 @@ struct ShellSettings {
 
 class FrameOnDevice {
  public:
-  // Runs the nearest-vertex search over the shell's grid once and waits for it.
   FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDevice& body, const Pose& pose, const ShellSettings& shell);
 
   BufferSlice constants() { return constants_.slice(); }        // FrameConstants

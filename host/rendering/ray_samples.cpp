@@ -1,5 +1,6 @@
 #include "host/rendering/ray_samples.h"
 
+#include <algorithm>
 #include <stdexcept>
 
 #include "kernels/rays/shell_bins.h"
@@ -23,8 +24,9 @@ RayCamera ray_camera(const Camera& camera) {
 }
 
 RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings)
-    : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)), finder_(device, networks, capacity_rays_ * settings.samples) {
-  const uint64_t rays = capacity_rays_, rows = padded_points(capacity_rays_ * settings.samples);
+    : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)),
+      capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples) {
+  const uint64_t rays = capacity_pixels_, rows = padded_points(capacity_rays_ * settings.samples);
   auto make = [&](const char* what, uint64_t bytes) {
     Buffer buffer(device, std::string("samples: ") + what, bytes, BufferPlace::device);
     Commands zero(device);
@@ -43,7 +45,7 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
 }
 
 void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels) {
-  if (pixels.size() > capacity_rays_) throw std::invalid_argument("more pixels than room for rays");
+  if (pixels.size() > capacity_pixels_) throw std::invalid_argument("more pixels than room for rays");
   device_.upload(pixels_.slice(), pixels);
   const auto count = static_cast<uint32_t>(pixels.size());
   GenerateRaysArgs generate;
@@ -70,6 +72,7 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
 std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) { return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays)); }
 
 void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
+  if (rays > capacity_rays_) throw std::invalid_argument("more rays than room for samples");
   ShellSamplesArgs samples;
   samples.rays = rays;
   samples.samples = settings_.samples;

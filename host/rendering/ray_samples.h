@@ -24,7 +24,8 @@ class RaySamples {
  public:
   RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings);
 
-  uint32_t capacity_rays() const { return capacity_rays_; }
+  uint32_t capacity_rays() const { return capacity_rays_; }     // with samples
+  uint32_t capacity_pixels() const { return capacity_pixels_; }  // of set_pixels alone
   uint32_t samples() const { return settings_.samples; }
   uint32_t rows(uint32_t rays) const { return rays * settings_.samples; }
 
@@ -45,7 +46,7 @@ class RaySamples {
  private:
   Device& device_;
   SamplingSettings settings_;
-  uint32_t capacity_rays_;
+  uint32_t capacity_rays_, capacity_pixels_;
   PointRootFinder finder_;
   Buffer pixels_, rays_, kept_, kept_counts_, depths_, deltas_, points_, canonical_;
 };

@@ -57,9 +57,9 @@ Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t lat
   std::vector<uint32_t> all, seen;
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) all.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
-  const uint32_t chunk = samples_->capacity_rays();
-  for (size_t first = 0; first < all.size(); first += chunk) {
-    const std::vector<uint32_t> some(all.begin() + static_cast<ptrdiff_t>(first), all.begin() + static_cast<ptrdiff_t>(std::min(all.size(), first + chunk)));
+  const uint32_t chunk = samples_->capacity_rays(), look = samples_->capacity_pixels();
+  for (size_t first = 0; first < all.size(); first += look) {
+    const std::vector<uint32_t> some(all.begin() + static_cast<ptrdiff_t>(first), all.begin() + static_cast<ptrdiff_t>(std::min(all.size(), first + look)));
     samples_->set_pixels(commands_, frame, camera, some);
     const std::vector<uint32_t> kept = samples_->kept_counts(static_cast<uint32_t>(some.size()));
     for (size_t i = 0; i < some.size(); ++i)

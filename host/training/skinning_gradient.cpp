@@ -7,7 +7,6 @@
 #include "kernels/skinning/jacobian.h"
 #include "kernels/skinning/lbs.h"
 #include "kernels/skinning/lbs_backward.h"
-#include "kernels/skinning/weights_loss.h"
 #include "kernels/tracing/normalise_inputs.h"
 
 namespace arah {
@@ -96,13 +95,14 @@ void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::m
   device_.upload(target_joints_.slice(), joints);
 }
 
-void SkinningGradient::record_surface_loss(Commands& commands, const BufferSlice& frame_constants, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot,
+void SkinningGradient::record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot,
                                            const BufferSlice& scratch) {
   const PointRange range{points_, {}};
   record_normalise_inputs(commands, {{range, {}}, frame_constants, surface_.slice(), points_tape_.input()});
   networks_.skinning().record_forward(commands, points_tape_, range);
   WeightsLossArgs loss;
   loss.tree = &networks_.tree();
+  loss.measure = measure;
   loss.points = points_;
   loss.logits = points_tape_.output();
   loss.target_joints = target_joints_.slice();

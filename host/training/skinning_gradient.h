@@ -7,6 +7,7 @@
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/frame_on_device.h"
 #include "host/training/template_samples.h"
+#include "kernels/skinning/weights_loss.h"
 
 namespace arah {
 
@@ -21,7 +22,7 @@ class SkinningGradient {
 
   // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
   void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);
-  void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
+  void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
 
  private:
   Device& device_;

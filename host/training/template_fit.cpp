@@ -136,15 +136,16 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
     Buffer frame(device, "fit: cube", sizeof constants, BufferPlace::device);
     device.upload(frame.slice(), &constants, sizeof constants);
     for (uint32_t step = 0; step < settings.fit_skinning_steps; ++step) {
-      gradient.set_surface(step % 2 ? samples.around : samples.surface, generator);
+      const bool last = step + 1 == settings.fit_skinning_steps;  // measured on the surface as training does, and not stepped
+      gradient.set_surface(step % 2 && !last ? samples.around : samples.surface, generator);
       commands.fill(networks.gradients(), 0);
       commands.fill(losses.slice(), 0);
       networks.record_pack(commands, 0);
-      gradient.record_surface_loss(commands, frame.slice(), 1, false, losses.slice(), 0, skinning_scratch.slice());
+      gradient.record_surface_loss(commands, frame.slice(), last ? WeightsMeasure::absolute : WeightsMeasure::cross_entropy, 1, false, losses.slice(), 0, skinning_scratch.slice());
       networks.record_unpack(commands, 0, {false, true, false}, skinning_scratch.slice());
-      skinning.record(commands, step + 1, rate_at(settings.fit_rate, step, settings.fit_skinning_steps));
+      if (!last) skinning.record(commands, step + 1, rate_at(settings.fit_skinning_rate, step, settings.fit_skinning_steps));
       commands.submit_and_wait();
-      if (step % 2 == 0) {
+      if (last) {
         float loss = 0;
         device.download(losses.slice().elements(0, 1), &loss, 4);
         fit.skinning_error = loss;

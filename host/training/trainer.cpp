@@ -275,7 +275,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   record_regularisers();
   if (skinning_step) {
     skinning_->record_from_positions(commands_, frame, inputs.rows, samples_.canonical(), field_.position_gradient(), scratch_.slice());
-    skinning_->record_surface_loss(commands_, frame.constants(), settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
+    skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
   }
   networks_.record_unpack(commands_, row, {true, skinning_step, true}, scratch_.slice());
   for (size_t g = 0; g < groups_.size(); ++g)

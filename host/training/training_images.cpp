@@ -38,8 +38,8 @@ const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finde
   std::vector<uint32_t> pixels;
   for (int v = 0; v < picture.height; ++v)
     for (int u = 0; u < picture.width; ++u) pixels.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
-  for (size_t first = 0; first < pixels.size(); first += finder.capacity_rays()) {
-    const size_t count = std::min<size_t>(finder.capacity_rays(), pixels.size() - first);
+  for (size_t first = 0; first < pixels.size(); first += finder.capacity_pixels()) {
+    const size_t count = std::min<size_t>(finder.capacity_pixels(), pixels.size() - first);
     finder.set_pixels(commands, frame_here, cameras_[place.camera], {pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(first + count)});
     const std::vector<uint32_t> kept = finder.kept_counts(static_cast<uint32_t>(count));
     for (size_t i = 0; i < count; ++i) {

@@ -64,6 +64,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("fit_steps", s.fit_steps);
   visit("fit_skinning_steps", s.fit_skinning_steps);
   visit("fit_rate", s.fit_rate);
+  visit("fit_skinning_rate", s.fit_skinning_rate);
   visit("clothing", s.clothing);
 }
 

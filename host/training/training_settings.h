@@ -41,8 +41,9 @@ struct TrainingSettings {
   double checkpoint_minutes = 2;  // between checkpoints
 
   uint32_t fit_steps = 500;       // of the start: SDF to the template
-  uint32_t fit_skinning_steps = 500;
-  double fit_rate = 1e-3;
+  uint32_t fit_skinning_steps = 1000;
+  double fit_rate = 1e-3;           // of the SDF
+  double fit_skinning_rate = 5e-3;  // of the skinning network, under the cross entropy
   double clothing = 0.01;         // metres that the start lies outside the template
 };
 

@@ -101,7 +101,8 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     launch.cost.bytes /= tiles;
     for (uint32_t t = 0; t < tiles; ++t) {
       at_column(t * tile);
-      launch.after_previous = t == 0;  // tiles of one layer write different channels
+      // Tiles of one layer write different channels; only where the input lies in the same buffer must they wait for each other.
+      launch.after_previous = t == 0 || a.x.slice.buffer == a.result.slice.buffer;
       commands.dispatch(launch);
     }
   } else {

@@ -18,8 +18,10 @@ void record_weights_loss(Commands& commands, const WeightsLossArgs& args) {
                                                args.d_logits.stride / 8,
                                                args.d_logits.column / 8,
                                                args.weight / static_cast<float>(points)};
+  std::vector<uint32_t> specialization = tree.specialization();
+  specialization.push_back(args.measure == WeightsMeasure::cross_entropy);
   Launch launch;
-  launch.pipeline = &commands.device().pipeline("skinning/weights_loss", tree.specialization());
+  launch.pipeline = &commands.device().pipeline("skinning/weights_loss", specialization);
   launch.name = "skinning loss";
   launch.groups = {groups, 1, 1};
   launch.bindings = {matrix_binding(args.logits, points),

@@ -6,10 +6,15 @@
 
 namespace arah {
 
-// weight / points · Σ_points Σ_b |w_b − target_b|, added to losses[slot] in a fixed order, and its gradient at the
+// How far the weights w are from the targets. cross_entropy, −Σ target log(w + 1e-12), still pulls where the gates have closed
+// and the absolute difference has no slope left: fits from scratch need it (docs/decisions/skinning-fit.md).
+enum class WeightsMeasure : uint32_t { absolute, cross_entropy };
+
+// weight / points · Σ_points Σ_b |w_b − target_b| (or the cross entropy), added to losses[slot] in a fixed order, and its gradient at the
 // logits (assigned; padding rows and columns 0; at w_b = target_b the derivative of |·| is 0).
 struct WeightsLossArgs {
   const JointTree* tree = nullptr;
+  WeightsMeasure measure = WeightsMeasure::absolute;
   uint32_t points = 0;
   Matrix logits;               // [points][tree.logits()]: the network's output, before the factor 20
   BufferSlice target_joints;   // uint32 by point: four joints of 8 bits, the first in the lowest bits

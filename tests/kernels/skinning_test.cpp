@@ -318,7 +318,7 @@ TEST_F(Skinning, ImplicitCotangentsAndTheirExceptions) {
 TEST_F(Skinning, WeightsLossAndItsGradient) {
   Scene scene(device, generator, smpl_tree());
   const uint32_t logits = scene.tree.logits(), stride = padded_channels(logits);
-  for (const uint32_t points : {1u, 200u}) {
+  for (const auto& [points, measure] : {std::pair{1u, WeightsMeasure::absolute}, {200u, WeightsMeasure::absolute}, {200u, WeightsMeasure::cross_entropy}}) {
     const std::vector<double> given = doubles(points * logits, 0.1);
     std::vector<double> dense(points * 24, 0.0);
     std::vector<uint32_t> joints(padded_points(points), 0);
@@ -337,6 +337,7 @@ TEST_F(Skinning, WeightsLossAndItsGradient) {
            d_logits = empty("d_logits", padded_points(points) * 4ull * stride);
     Buffer scratch = empty("scratch", partial_bytes(points)), losses = filled("losses", std::vector<float>{1, 2, 3});
     record_weights_loss(commands, {&scene.tree,
+                                   measure,
                                    points,
                                    {logit_rows.slice(), stride, 0},
                                    target_joints.slice(),
@@ -349,7 +350,14 @@ TEST_F(Skinning, WeightsLossAndItsGradient) {
     commands.submit_and_wait();
 
     const std::vector<double> w = reference::hierarchical_softmax_forward(scene.truth_tree, points, scaled(given, 20));
-    const reference::ScalarLoss truth = reference::skinning_loss(w, dense, 24);
+    reference::ScalarLoss truth = reference::skinning_loss(w, dense, 24);
+    if (measure == WeightsMeasure::cross_entropy) {
+      truth.value = 0;
+      for (size_t i = 0; i < w.size(); ++i) {
+        truth.value -= dense[i] * std::log(w[i] + 1e-12) / points;
+        truth.gradient[i] = -dense[i] / (w[i] + 1e-12) / points;
+      }
+    }
     const std::vector<float> found = device.download<float>(losses.slice());
     EXPECT_NEAR(found[1], 2 + 10 * truth.value, 2e-5);
     EXPECT_EQ(found[0], 1);
