@@ -1,0 +1,220 @@
+#include "host/training/run_folder.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+
+#include "host/avatar/avatar_file.h"
+#include "host/body/json_fields.h"
+#include "host/file_writing.h"
+
+namespace arah {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+constexpr std::size_t kKeptCheckpoints = 2;
+constexpr const char* kPrefix = "step_";
+constexpr const char* kSuffix = ".safetensors";
+
+std::string read_text(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file || fs::is_directory(path)) throw InputError(path.string(), "", "a file", "none that can be opened");
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::string config_text(const RunConfig& config) {
+  const ordered_json json{
+      {"capture", fs::absolute(config.capture).lexically_normal().string()},
+      {"capture_fingerprint", config.fingerprint},
+      {"spec", ordered_json::parse(spec_to_json(config.spec))},
+      {"settings", ordered_json::parse(settings_to_json(config.settings))},
+  };
+  return json.dump(2) + "\n";
+}
+
+// Path of the first place where two JSON values differ, such as "sdf.rate"; empty where they are equal.
+std::string first_difference(const nlohmann::json& a, const nlohmann::json& b, const std::string& path = "") {
+  if (a == b) return "";
+  if (a.is_object() && b.is_object()) {
+    for (const auto& [name, value] : a.items()) {
+      const std::string here = path.empty() ? name : path + "." + name;
+      if (!b.contains(name)) return here;
+      const std::string below = first_difference(value, b[name], here);
+      if (!below.empty()) return below;
+    }
+  }
+  return path.empty() ? "/" : path;
+}
+
+nlohmann::json at_path(nlohmann::json value, const std::string& path) {
+  for (std::size_t from = 0; from <= path.size();) {
+    const std::size_t to = std::min(path.find('.', from), path.size());
+    const std::string name = path.substr(from, to - from);
+    if (!value.is_object() || !value.contains(name)) break;
+    value = nlohmann::json(value[name]);
+    from = to + 1;
+  }
+  return value;
+}
+
+void require_equal(const std::string& where, const std::string& part, const std::string& before_text,
+                   const std::string& now_text) {
+  const auto before = nlohmann::json::parse(before_text), now = nlohmann::json::parse(now_text);
+  const std::string field = first_difference(before, now);
+  if (field.empty()) return;
+  throw InputError(where, part + "." + field, "what the run began with, " + json_excerpt(at_path(before, field)),
+                   json_excerpt(at_path(now, field)), "Leave the option out, or begin another run.");
+}
+
+}  // namespace
+
+std::string capture_fingerprint(const Capture& capture) {
+  uint64_t hash = 0xcbf29ce484222325ull;
+  const auto add = [&](const void* data, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i) hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 0x100000001b3ull;
+  };
+  for (const char* name : {"cameras.json", "motion_train.json", "template.glb"}) {
+    const std::string bytes = read_text(capture.path / name);
+    const uint64_t size = bytes.size();
+    add(&size, sizeof size);
+    add(bytes.data(), bytes.size());
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+RunConfig make_run_config(const Capture& capture, const TrainingSettings& settings, const AvatarSpec& spec) {
+  return {settings, spec, capture.path, capture_fingerprint(capture)};
+}
+
+void RunFolder::create(const RunConfig& config) {
+  if (fs::exists(path_)) {
+    if (!fs::is_directory(path_)) throw InputError(path_.string(), "", "a folder", "a file", "Choose another name.");
+    if (!fs::is_empty(path_))
+      throw InputError(path_.string(), "", "a new or empty folder", "one with files in it",
+                       "--resume continues a run; otherwise choose another name.");
+  }
+  std::error_code error;
+  made_ = fs::create_directories(path_, error);
+  if (error) throw InputError(fmt::format("{}: could not be made: {}", path_.string(), error.message()));
+  write_file_safely(config_file(), config_text(config));
+}
+
+RunConfig RunFolder::read_config() const {
+  const std::string where = config_file().string();
+  if (!fs::is_regular_file(config_file()))
+    throw InputError(path_.string(), "", "a run's folder with config.json", fs::exists(path_) ? "none" : "no such folder",
+                     "arah train without --resume begins a run.");
+  const nlohmann::json json = read_json(config_file());
+  const auto text = [&](const char* name) {
+    const nlohmann::json& value = json_member(json, name, where, "");
+    if (!value.is_string()) throw InputError(where, name, "a text", json_excerpt(value));
+    return value.get<std::string>();
+  };
+  RunConfig config;
+  config.capture = text("capture");
+  config.fingerprint = text("capture_fingerprint");
+  config.spec = spec_from_json(json_member(json, "spec", where, "").dump(), where + ": spec");
+  config.settings = settings_from_json(json_member(json, "settings", where, "").dump(), where + ": settings");
+  return config;
+}
+
+void RunFolder::reopen(const RunConfig& config) {
+  RunConfig before = read_config();
+  const std::string where = config_file().string();
+  if (before.fingerprint != config.fingerprint)
+    throw InputError(where, "capture_fingerprint", before.fingerprint + " (" + before.capture.string() + ")",
+                     config.fingerprint + " (" + config.capture.string() + ")",
+                     "A run continues on the capture that it began with.");
+  require_equal(where, "spec", spec_to_json(before.spec), spec_to_json(config.spec));
+  before.settings.steps = config.settings.steps;
+  before.settings.minutes = config.settings.minutes;
+  require_equal(where, "settings", settings_to_json(before.settings), settings_to_json(config.settings));
+  write_file_safely(config_file(), config_text(config));
+
+  if (!fs::is_regular_file(events_file())) return;
+  const std::string events = read_text(events_file());
+  const std::size_t end = events.rfind('\n');
+  const std::size_t whole = end == std::string::npos ? 0 : end + 1;
+  if (whole < events.size()) fs::resize_file(events_file(), whole);
+}
+
+void RunFolder::discard() {
+  std::error_code ignored;  // what cannot be removed is whole, and another start names it
+  fs::remove_all(checkpoints(), ignored);
+  for (const fs::path& file : {avatar_file(), events_file(), config_file()}) fs::remove(file, ignored);
+  if (made_) fs::remove(path_, ignored);
+}
+
+void RunFolder::log(const std::string& json) const {
+  std::ofstream file(events_file(), std::ios::app | std::ios::binary);
+  file << json << '\n' << std::flush;
+  if (!file)
+    throw std::runtime_error(
+        fmt::format("{}: could not be written: {}", events_file().string(), std::strerror(errno)));
+}
+
+std::vector<fs::path> RunFolder::checkpoint_files() const {
+  std::vector<fs::path> files;
+  if (!fs::is_directory(checkpoints())) return files;
+  for (const auto& entry : fs::directory_iterator(checkpoints())) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with(kPrefix) && name.ends_with(kSuffix)) files.push_back(entry.path());
+  }
+  // Eight digits or more: a longer name is a later step.
+  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    const std::string x = a.filename().string(), y = b.filename().string();
+    return x.size() != y.size() ? x.size() > y.size() : x > y;
+  });
+  return files;
+}
+
+fs::path RunFolder::save_checkpoint(uint64_t step, const SafetensorsFile& file) const {
+  fs::create_directories(checkpoints());
+  const fs::path path = checkpoints() / fmt::format("{}{:08}{}", kPrefix, step, kSuffix);
+  write_safetensors(path, file);
+  const std::vector<fs::path> files = checkpoint_files();
+  for (std::size_t i = kKeptCheckpoints; i < files.size(); ++i) fs::remove(files[i]);
+  return path;
+}
+
+std::optional<SafetensorsFile> RunFolder::newest_checkpoint() const {
+  const std::vector<fs::path> files = checkpoint_files();
+  std::string reason;
+  for (const fs::path& path : files) {
+    try {
+      SafetensorsFile file = read_safetensors(path);
+      avatar_from_tensors(file);
+      file.at("optimizer.parameters");
+      return file;
+    } catch (const InputError& error) {
+      if (reason.empty()) reason = error.what();
+    }
+  }
+  if (files.empty()) return std::nullopt;
+  throw InputError(checkpoints().string(), "", "a checkpoint that opens", "none: " + reason,
+                   "Remove them to begin again from the template.");
+}
+
+std::vector<LoggedStep> logged_steps(const RunFolder& folder) {
+  std::vector<LoggedStep> steps;
+  std::ifstream file(folder.events_file());
+  for (std::string line; std::getline(file, line);) {
+    const auto json = nlohmann::json::parse(line, nullptr, false);
+    if (!json.is_object() || json.value("event", nlohmann::json()) != "step") continue;
+    const auto number = [&](const char* name) {
+      const auto found = json.find(name);
+      return found != json.end() && found->is_number() ? found->get<double>() : 0.0;
+    };
+    steps.push_back({static_cast<uint64_t>(number("step")), number("seconds"), number("color"), number("total")});
+  }
+  return steps;
+}
+
+}  // namespace arah

@@ -1,0 +1,81 @@
+// A training on the disk:
+//   config.json         what is trained, and on which capture; whole before anything else is there
+//   events.jsonl        what happened, one JSON object a line, appended
+//   checkpoints/step_<8 digits>.safetensors   the newest two: everything that continuing needs
+//   avatar.safetensors  the newest avatar
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/avatar/avatar_spec.h"
+#include "host/avatar/safetensors.h"
+#include "host/capture/capture.h"
+#include "host/training/training_settings.h"
+
+namespace arah {
+
+struct RunConfig {
+  TrainingSettings settings;
+  AvatarSpec spec;
+  std::filesystem::path capture;
+  std::string fingerprint;  // of the capture, capture_fingerprint()
+};
+
+// 16 hexadecimal digits: FNV-1a over cameras.json, motion_train.json and template.glb, each with its length. Pictures
+// are not read. Throws InputError naming a file that cannot be read.
+std::string capture_fingerprint(const Capture& capture);
+
+RunConfig make_run_config(const Capture& capture, const TrainingSettings& settings, const AvatarSpec& spec);
+
+class RunFolder {
+ public:
+  explicit RunFolder(std::filesystem::path path) : path_(std::move(path)) {}
+
+  std::filesystem::path config_file() const { return path_ / "config.json"; }
+  std::filesystem::path events_file() const { return path_ / "events.jsonl"; }
+  std::filesystem::path avatar_file() const { return path_ / "avatar.safetensors"; }
+
+  // Makes the folder with its config.json. Throws InputError where it exists and is not empty.
+  void create(const RunConfig& config);
+  // Throws InputError: no such folder, no config.json, a field that is missing or wrong.
+  RunConfig read_config() const;
+  // Makes `config` the one of a run that goes on. Only settings.steps, settings.minutes and the capture's place may
+  // differ from what config.json holds; InputError names the first other difference. Cuts off a line of events.jsonl
+  // that a killed process left unfinished.
+  void reopen(const RunConfig& config);
+  // Takes back create(): removes what a run writes, and the folder if create() made it.
+  void discard();
+
+  // Appends one line; `json` is one object in text. Throws std::runtime_error where the disk refuses.
+  void log(const std::string& json) const;
+
+  // Writes the checkpoint of that step, safely, and removes all but the newest two.
+  std::filesystem::path save_checkpoint(uint64_t step, const SafetensorsFile& file) const;
+  // The newest checkpoint that holds an avatar and its optimiser; absent where there is no checkpoint at all. Throws
+  // InputError where there are some and none opens.
+  std::optional<SafetensorsFile> newest_checkpoint() const;
+
+ private:
+  std::filesystem::path checkpoints() const { return path_ / "checkpoints"; }
+  std::vector<std::filesystem::path> checkpoint_files() const;  // newest first
+
+  std::filesystem::path path_;
+  bool made_ = false;
+};
+
+// A "step" line of events.jsonl.
+struct LoggedStep {
+  uint64_t step = 0;
+  double seconds = 0;  // of training until then, earlier calls included
+  double color = 0;    // unweighted colour loss
+  double total = 0;    // weighted sum
+};
+
+// In the order of the file; lines of another kind, or that a killed process left unfinished, are passed over.
+std::vector<LoggedStep> logged_steps(const RunFolder& folder);
+
+}  // namespace arah

@@ -1,0 +1,225 @@
+#include "host/training/training_run.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <deque>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <vector>
+
+#include "host/avatar/avatar_file.h"
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using nlohmann::ordered_json;
+
+constexpr double kLogInterval = 2.0;  // seconds between "step" lines
+constexpr const char* kSecondsKey = "training.seconds";
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+// Seconds that a step takes. The first steps make pipelines, and any step may read a picture for the first time, so an
+// estimate that trusted them would hurry the schedule.
+class Pace {
+ public:
+  void add(double seconds) {
+    if (++seen_ <= kPipelineSteps) return;
+    recent_.push_back(seconds);
+    if (recent_.size() > kWindow) recent_.pop_front();
+  }
+  bool known() const { return !recent_.empty(); }
+  double seconds() const {
+    if (!known()) return kGuess;
+    std::vector<double> sorted(recent_.begin(), recent_.end());
+    std::sort(sorted.begin(), sorted.end());
+    if (sorted.size() < kTrusted) return sorted[sorted.size() / 2];
+    // Without the slowest tenth: cold pictures and checkpoints' neighbours.
+    sorted.resize(sorted.size() - sorted.size() / 10);
+    double sum = 0;
+    for (const double value : sorted) sum += value;
+    return sum / static_cast<double>(sorted.size());
+  }
+
+ private:
+  static constexpr uint64_t kPipelineSteps = 2;
+  static constexpr std::size_t kTrusted = 50, kWindow = 200;
+  static constexpr double kGuess = 0.05;  // quick: the schedule then hardly moves until there are measurements
+  uint64_t seen_ = 0;
+  std::deque<double> recent_;
+};
+
+ordered_json step_json(const StepReport& r) {
+  return {{"event", "step"},         {"step", r.step},         {"total", r.total},
+          {"color", r.color},        {"alpha", r.alpha},       {"eikonal", r.eikonal},
+          {"inside", r.inside},      {"skinning", r.skinning}, {"off_surface", r.off_surface},
+          {"sdf_norm", r.sdf_norm},  {"b", r.b},               {"converged", r.converged}};
+}
+
+class TrainingRun {
+ public:
+  TrainingRun(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
+              const std::function<bool(const RunEvent&)>& listen)
+      : device_(device), capture_(capture), settings_(config.settings), config_(config), options_(options),
+        listen_(listen), folder_(options.folder) {}
+
+  RunResult run() {
+    std::optional<SafetensorsFile> saved;
+    if (options_.resume) {
+      folder_.reopen(config_);
+      saved = folder_.newest_checkpoint();
+      if (saved) earlier_ = earlier_seconds(*saved);
+    } else {
+      folder_.create(config_);
+    }
+    try {
+      log({{"event", "start"}, {"device", device_.report().name}, {"driver", device_.report().driver},
+           {"version", kVersion}, {"resumed", saved.has_value()}});
+      return saved ? resumed(*saved) : fresh();
+    } catch (...) {
+      if (!options_.resume && !stepped_) folder_.discard();
+      throw;
+    }
+  }
+
+ private:
+  double seconds() const { return earlier_ + seconds_since(options_.started); }
+  double budget() const { return 60 * settings_.minutes; }
+
+  static double earlier_seconds(const SafetensorsFile& file) {
+    const auto found = file.metadata.find(kSecondsKey);
+    const double value = found == file.metadata.end() ? NAN : std::atof(found->second.c_str());
+    if (!(value >= 0)) throw InputError(file.path.string(), std::string("metadata ") + kSecondsKey, "seconds", "none");
+    return value;
+  }
+
+  bool tell(RunEvent event) {
+    event.seconds = seconds();
+    if (listen_ && !listen_(event)) stopped_ = true;
+    return !stopped_;
+  }
+
+  void log(ordered_json event) {
+    event["seconds"] = std::round(1000 * seconds()) / 1000;
+    folder_.log(event.dump());
+  }
+
+  RunResult fresh() {
+    Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
+    RunEvent event;
+    try {
+      event.fit = fit_template(device_, avatar, settings_, [&](double fraction) {
+        RunEvent fitting;
+        fitting.fraction = fraction;
+        return tell(fitting);
+      });
+    } catch (const std::runtime_error&) {
+      if (!stopped_) throw;
+      if (!options_.resume) folder_.discard();
+      return {true, 0, seconds(), {}};
+    }
+    log({{"event", "fit"}, {"sdf_error", event.fit.sdf_error}, {"skinning_error", event.fit.skinning_error}});
+    event.kind = RunEvent::Kind::fitted;
+    tell(event);
+    Trainer trainer(device_, capture_, std::move(avatar), settings_);
+    return train(trainer);
+  }
+
+  RunResult resumed(const SafetensorsFile& file) {
+    Trainer trainer(device_, capture_, avatar_from_tensors(file), settings_);
+    trainer.resume(file);
+    RunEvent event;
+    event.kind = RunEvent::Kind::resumed;
+    event.file = file.path;
+    event.step.step = trainer.steps_done();
+    event.fraction = trainer.done();
+    tell(event);
+    return train(trainer);
+  }
+
+  // Steps to come, the next one included; 0: the training is over.
+  uint64_t steps_left(const Trainer& trainer) const {
+    if (settings_.steps > 0) return settings_.steps - std::min(settings_.steps, trainer.steps_done());
+    const double rest = budget() - seconds();
+    return rest > 0 ? std::max<uint64_t>(1, static_cast<uint64_t>(rest / pace_.seconds())) : 0;
+  }
+
+  double fraction(const Trainer& trainer) const {
+    const double part = settings_.steps > 0 ? double(trainer.steps_done()) / double(settings_.steps) : seconds() / budget();
+    return std::clamp(part, 0.0, 1.0);
+  }
+
+  void save(Trainer& trainer) {
+    SafetensorsFile file = trainer.checkpoint();
+    file.metadata[kSecondsKey] = fmt::format("{:.3f}", seconds());
+    RunEvent event;
+    event.kind = RunEvent::Kind::checkpoint;
+    event.file = folder_.save_checkpoint(trainer.steps_done(), file);
+    save_avatar(folder_.avatar_file(), trainer.avatar());
+    event.step.step = trainer.steps_done();
+    event.fraction = fraction(trainer);
+    log({{"event", "checkpoint"}, {"step", trainer.steps_done()}, {"file", event.file.filename().string()}});
+    tell(event);
+  }
+
+  RunResult train(Trainer& trainer) {
+    RunEvent ready;
+    ready.kind = RunEvent::Kind::ready;
+    ready.fraction = fraction(trainer);
+    tell(ready);
+    double saved_at = seconds(), logged_at = -kLogInterval;
+    StepReport last;
+    while (!stopped_) {
+      if (options_.stop_at > 0 && trainer.steps_done() >= options_.stop_at) stopped_ = true;
+      const uint64_t left = steps_left(trainer);
+      if (stopped_ || left == 0) break;
+      const Clock::time_point start = Clock::now();
+      last = trainer.step(left);
+      pace_.add(seconds_since(start));
+      stepped_ = true;
+      if (seconds() - logged_at >= kLogInterval) {
+        log(step_json(last));
+        logged_at = seconds();
+      }
+      RunEvent event;
+      event.kind = RunEvent::Kind::step;
+      event.step = last;
+      event.fraction = fraction(trainer);
+      event.seconds_per_step = pace_.known() ? pace_.seconds() : 0;
+      tell(event);
+      if (seconds() - saved_at >= 60 * settings_.checkpoint_minutes) {
+        save(trainer);
+        saved_at = seconds();
+      }
+    }
+    const bool stopped = stopped_ && steps_left(trainer) > 0;
+    save(trainer);
+    ordered_json end{{"event", "end"}, {"step", trainer.steps_done()}, {"stopped", stopped}};
+    if (stepped_) end["total"] = last.total;
+    log(std::move(end));
+    return {stopped, trainer.steps_done(), seconds(), folder_.avatar_file()};
+  }
+
+  Device& device_;
+  const Capture& capture_;
+  const TrainingSettings& settings_;
+  const RunConfig& config_;
+  const RunOptions& options_;
+  const std::function<bool(const RunEvent&)>& listen_;
+  RunFolder folder_;
+  Pace pace_;
+  double earlier_ = 0;  // seconds of earlier calls
+  bool stopped_ = false, stepped_ = false;
+};
+
+}  // namespace
+
+RunResult run_training(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
+                       const std::function<bool(const RunEvent&)>& listen) {
+  return TrainingRun(device, capture, config, options, listen).run();
+}
+
+}  // namespace arah

@@ -1,0 +1,57 @@
+// A whole training: template fit, steps, checkpoints, avatar, in a folder (run_folder.h). A producer of events: the
+// command line draws them, the folder keeps them.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+
+#include "host/training/run_folder.h"
+#include "host/training/template_fit.h"
+#include "host/training/trainer.h"
+
+namespace arah {
+
+struct RunOptions {
+  std::filesystem::path folder;
+  bool resume = false;
+  uint64_t stop_at = 0;  // steps done in all, at which the run stops as if asked to; 0: never
+  // From when this call's share of settings.minutes counts.
+  std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();
+};
+
+struct RunEvent {
+  enum class Kind {
+    fitting,     // the template fit goes on: `fraction` of it
+    fitted,      // `fit`
+    resumed,     // from `file`, at `step.step`
+    ready,       // the trainer stands, with all of its memory
+    step,        // `step`
+    checkpoint,  // `file`
+  };
+  Kind kind = Kind::fitting;
+  double fraction = 0;          // done, 0..1: of the fit, else of the training
+  double seconds = 0;           // of training, earlier calls included
+  double seconds_per_step = 0;  // 0: not known yet
+  StepReport step;
+  TemplateFit fit;
+  std::filesystem::path file;
+};
+
+struct RunResult {
+  bool stopped = false;  // before the end
+  uint64_t steps = 0;    // in all
+  double seconds = 0;    // in all
+  std::filesystem::path avatar;  // empty where the run was stopped in its template fit
+};
+
+// Trains for config.settings.steps steps, or, where that is 0, until settings.minutes have passed, counted from
+// options.started with all calls of the run together. The schedule of a run by minutes follows the measured time of a
+// step. `listen` returns false to stop: the run then leaves a checkpoint and the avatar, or, in the template fit of a
+// new run, nothing. A run of so many steps ends with the same bits whether it was interrupted and resumed or not.
+// Throws InputError where the folder does not fit (RunFolder), or the capture turns out bad; std::runtime_error where
+// training fails. What was written before stays; a new run that fails before its first step leaves nothing.
+RunResult run_training(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
+                       const std::function<bool(const RunEvent&)>& listen = {});
+
+}  // namespace arah
