@@ -1,0 +1,108 @@
+// Settings as data: what is written reads back, what is not a setting is refused, and rates follow their schedule.
+#include "host/training/training_settings.h"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+using nlohmann::json;
+
+// Every value different from its default and from its neighbours': {"a": 0.5, "b": {"c": 1.5}} by the type that stands.
+void fill_with_new_values(json& object, int& next) {
+  for (auto& [name, value] : object.items()) {
+    ++next;
+    if (value.is_object()) fill_with_new_values(value, next);
+    else if (value.is_string()) value = "word" + std::to_string(next);
+    else if (value.is_number_float()) value = next + 0.5;  // a float holds it exactly
+    else value = next;
+  }
+}
+
+TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
+  json object = json::parse(settings_to_json(TrainingSettings{}));
+  int next = 1000;
+  fill_with_new_values(object, next);
+  ASSERT_GT(next, 1070) << "fields";
+  const TrainingSettings settings = settings_from_json(object.dump(), "config.json");
+  EXPECT_EQ(json::parse(settings_to_json(settings)), object);
+  EXPECT_EQ(settings.rays, object["rays"]);
+  EXPECT_EQ(settings.sdf.warm_up, object["sdf"]["warm_up"]);
+  EXPECT_EQ(settings.sampling.root.tolerance, object["root_tolerance"]);
+}
+
+TEST(TrainingSettingsTest, EveryPresetReadsBackAsWritten) {
+  for (const char* preset : {"tiny", "compact", "paper"}) {
+    const std::string text = settings_to_json(preset_settings(preset));
+    EXPECT_EQ(settings_to_json(settings_from_json(text, "config.json")), text);
+    EXPECT_EQ(json::parse(text)["preset"], preset);
+  }
+  EXPECT_THROW(preset_settings("huge"), InputError);
+}
+
+// The message must name the file and the field.
+void expect_refused(const json& object, const std::string& field) {
+  try {
+    settings_from_json(object.dump(), "config.json");
+    ADD_FAILURE() << field << " was accepted";
+  } catch (const InputError& error) {
+    const std::string message = error.what();
+    EXPECT_NE(message.find("config.json"), std::string::npos) << message;
+    EXPECT_NE(message.find(field), std::string::npos) << message;
+  }
+}
+
+TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
+  const json whole = json::parse(settings_to_json(TrainingSettings{}));
+  ASSERT_NO_THROW(settings_from_json(whole.dump(), "config.json"));
+  auto with = [&](const char* pointer, const json& value) {
+    json changed = whole;
+    changed[json::json_pointer(pointer)] = value;
+    return changed;
+  };
+  expect_refused(with("/brightness", 1), "brightness");
+  expect_refused(with("/color/momentum", 0.9), "color.momentum");
+  expect_refused(with("/rays", 12.5), "rays");
+  expect_refused(with("/rays", -1), "rays");
+  expect_refused(with("/rays", 0), "rays");
+  expect_refused(with("/rays", 4294967297u * 2ull), "rays");
+  expect_refused(with("/minutes", "ten"), "minutes");
+  expect_refused(with("/preset", 3), "preset");
+  expect_refused(with("/sdf", 1e-4), "sdf");
+  for (const char* field : {"seed", "skinning_every", "grid"}) {
+    json shorter = whole;
+    shorter.erase(field);
+    expect_refused(shorter, field);
+  }
+  json shorter = whole;
+  shorter["latent"].erase("rate");
+  expect_refused(shorter, "latent.rate");
+  EXPECT_THROW(settings_from_json("{", "config.json"), InputError);
+  EXPECT_THROW(settings_from_json("[]", "config.json"), InputError);
+}
+
+TEST(TrainingSettingsTest, RatesAreFrozenThenWarmedUpThenFallAlongACosine) {
+  TrainingSettings settings;
+  settings.end_fraction = 0.2;
+  const GroupSettings group{.rate = 1, .freeze = 3, .warm_up = 4};
+  EXPECT_EQ(rate_factor(group, settings, 0, 0), 0);
+  EXPECT_EQ(rate_factor(group, settings, 2, 0), 0);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 3, 0), 0.25);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 5, 0), 0.75);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 6, 0), 1);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 1000, 0), 1);
+  // 0.2 + 0.8 · (1 + cos π d) / 2: 0.6 half-way, 0.2 at the end and beyond
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 1000, 0.5), 0.6);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 1000, 1), 0.2);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 1000, 1.25), 0.2);
+  EXPECT_DOUBLE_EQ(rate_factor(group, settings, 4, 0.5), 0.3) << "warm-up and cosine multiply";
+  EXPECT_EQ(rate_factor(group, settings, 2, 0.5), 0);
+  EXPECT_DOUBLE_EQ(rate_factor(GroupSettings{}, settings, 0, 0), 1) << "neither frozen nor warmed up";
+}
+
+}  // namespace
+}  // namespace arah
