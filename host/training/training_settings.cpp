@@ -33,6 +33,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("minutes", s.minutes);
   visit("rays", s.rays);
   visit("mask_fraction", s.mask_fraction);
+  visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
   visit("shell_cell", s.sampling.shell.cell);
   visit("shell_margin", s.sampling.shell.margin);
@@ -73,6 +74,7 @@ struct Writer {
   template <typename T>
   void operator()(const char* name, const T& value) const {
     if constexpr (std::is_same_v<T, GroupSettings>) visit_group(value, Writer{object[name]});
+    else if constexpr (std::is_same_v<T, SamplingMode>) object[name] = to_string(value);
     else object[name] = value;
   }
 };
@@ -94,6 +96,10 @@ struct Reader {
       const Reader reader{*found, where, field + "."};
       visit_group(value, reader);
       reader.refuse_unknown();
+    } else if constexpr (std::is_same_v<T, SamplingMode>) {
+      value = SamplingMode::shell;
+      if (*found == to_string(SamplingMode::surface)) value = SamplingMode::surface;
+      else if (*found != to_string(SamplingMode::shell)) throw InputError(where, field, "shell or surface", found->dump());
     } else {
       const bool fits = std::is_same_v<T, std::string> ? found->is_string()
                         : std::is_floating_point_v<T>  ? found->is_number()
@@ -113,7 +119,8 @@ struct Reader {
 TrainingSettings preset_settings(const std::string& preset) {
   TrainingSettings s;
   s.preset = preset;
-  s.sampling.root.max_iterations = 12;
+  s.sampling.root.max_iterations = 10;
+  s.sampling.root.tolerance = 1e-4f;  // a thirtieth of b: a fifth fewer evaluations, nothing lost in the pictures
   s.sdf = {.rate = 2e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.mapping = {.rate = 1e-4};
   s.skinning = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
@@ -131,8 +138,10 @@ TrainingSettings preset_settings(const std::string& preset) {
   if (preset == "paper") {
     s.rays = 2048;
     s.mask_fraction = 0.5;
-    s.sampling.samples = 32;
+    s.sampling.mode = SamplingMode::surface;
+    s.sampling.samples = 64;
     s.sampling.root.max_iterations = 50;
+    s.sampling.root.tolerance = 1e-5f;
     s.eikonal_weight = 50;
     s.alpha_weight = 0;
     s.eikonal_points = s.off_surface_points = s.inside_points = s.skinning_points = 1024;
@@ -162,6 +171,9 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   visit_settings(settings, reader);
   reader.refuse_unknown();
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
+  const uint32_t least = samples_around_surface + samples_before_surface;
+  if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
+    throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
   return settings;
 }
 

@@ -43,7 +43,7 @@ void Layer::record_pack(Commands& commands, const BufferSlice& code) {
   check_code(name_, shape_, code);
   const ParameterisationConstants constants = constants_of(shape_);
   Launch launch;
-  launch.pipeline = &commands.device().pipeline("linear/pack_weights", {static_cast<uint32_t>(shape_.kind), linear_tile(constants.padded_outputs), linear_tile(constants.padded_inputs)});
+  launch.pipeline = &commands.device().pipeline("linear/pack_weights", {static_cast<uint32_t>(shape_.kind), linear_tile(constants.padded_inputs, constants.padded_outputs), linear_tile(constants.padded_outputs, constants.padded_inputs)});
   launch.name = name_ + ": pack weights";
   launch.groups = {padded_points(constants.padded_outputs) / 64, 1, 1};
   launch.bindings = {{parameters_.weight, uint64_t(shape_.inputs) * shape_.outputs * 4}, {parameters_.bias, shape_.outputs * 4ull}, or_weights(parameters_.first, parameters_),

@@ -63,7 +63,7 @@ void record_general(Commands& commands, const GeneralArgs& a) {
 
   Device& device = commands.device();
   const LinearFamily family = linear_family(device);
-  const uint32_t tile = linear_tile(a.outputs);
+  const uint32_t tile = linear_tile(a.inputs, a.outputs);
   const std::vector<uint32_t> specialization{a.inputs, tile, static_cast<uint32_t>(a.mode), static_cast<uint32_t>(a.activation), !a.second.empty(), !a.before.empty(), !a.after.empty()};
   const Pipeline& pipeline = device.pipeline(family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
 
@@ -141,17 +141,22 @@ void record_linear_tangent(Commands& commands, const LinearTangentArgs& a) {
 
 namespace {
 
-// Points of one partial sum: enough splits to occupy the device, few enough that adding them costs little.
-uint32_t points_per_split(uint32_t points) {
+// Points of one partial sum: enough splits to occupy the device (a CPU has few threads, and adding partial sums costs as much
+// traffic as a split of 64 points), at most 1,024 points for the sake of float32's rounding.
+uint32_t points_per_split(LinearFamily family, uint32_t points) {
   const uint32_t rows = padded_points(points);
-  return std::clamp(rows / 64 / 8 * 8, 64u, 1024u);
+  return std::clamp(rows / (family == LinearFamily::straight ? 16 : 64) / 8 * 8, 64u, 1024u);
 }
-uint32_t weight_gradient_splits(uint32_t points) { return (padded_points(points) + points_per_split(points) - 1) / points_per_split(points); }
+uint32_t weight_gradient_splits(LinearFamily family, uint32_t points) {
+  const uint32_t rows = padded_points(points), split = points_per_split(family, points);
+  return (rows + split - 1) / split;
+}
 
 }  // namespace
 
 uint64_t weight_gradient_scratch_floats(uint32_t inputs, uint32_t outputs, uint32_t points) {
-  return uint64_t(weight_gradient_splits(points)) * (inputs + 1) * outputs;
+  // room for the family with more splits
+  return uint64_t(std::max(weight_gradient_splits(LinearFamily::straight, points), weight_gradient_splits(LinearFamily::tiled, points))) * (inputs + 1) * outputs;
 }
 
 void record_linear_weight_gradient(Commands& commands, const LinearWeightGradientArgs& a) {
@@ -159,12 +164,12 @@ void record_linear_weight_gradient(Commands& commands, const LinearWeightGradien
   check_matrix(a.name, "the gradient", a.dy, a.outputs, a.points);
   Device& device = commands.device();
   const LinearFamily family = linear_family(device);
-  const uint32_t rows = padded_points(a.points), splits = weight_gradient_splits(a.points);
+  const uint32_t rows = padded_points(a.points), splits = weight_gradient_splits(family, a.points);
   const uint64_t texels = uint64_t(a.inputs + 1) * a.outputs / 4;
 
   struct Constants {
     uint32_t x_stride, x_column, dy_stride, dy_column, row_tiles, column_tiles, inputs, output_texels, points_per_split, points;
-  } constants{a.x.stride / 4, a.x.column / 4, a.dy.stride / 4, a.dy.column / 4, 0, 0, a.inputs, a.outputs / 4, points_per_split(a.points), rows};
+  } constants{a.x.stride / 4, a.x.column / 4, a.dy.stride / 4, a.dy.column / 4, 0, 0, a.inputs, a.outputs / 4, points_per_split(family, a.points), rows};
   Launch launch;
   launch.name = a.name;
   launch.bindings = {a.x.slice, a.dy.slice, {a.scratch, texels * 16 * splits}};

@@ -28,8 +28,14 @@ struct PackedWeights {
   BufferSlice transposed;  // packed_floats(outputs, inputs) floats
 };
 
-// Width of a tile of packed columns: 16 where it divides the padded width, else 8.
-constexpr uint32_t linear_tile(uint32_t padded_width) { return padded_width % 16 == 0 ? 16 : 8; }
+// Width of a tile of packed columns for a product with `rows` inputs: the widest of 64, 32, 16, 8 that divides the padded
+// width and keeps a tile within 2,048 products a point (code that compiles in about a second and is cut into pieces of 512),
+// but at least 16 where it divides. Wider tiles mean fewer launches and fewer reads of the input.
+constexpr uint32_t linear_tile(uint32_t rows, uint32_t padded_width) {
+  for (const uint32_t tile : {64u, 32u})
+    if (padded_width % tile == 0 && rows * tile <= 2048) return tile;
+  return padded_width % 16 == 0 ? 16 : 8;
+}
 constexpr uint64_t packed_floats(uint32_t rows, uint32_t columns) { return uint64_t(rows + 1) * columns; }
 
 // Where a launch takes its number of points from: `points` (padded to 64 by the kernel), or, where given, the device's own

@@ -55,7 +55,7 @@ void main() {
       const vec3 w = corner_weights(cell, corner);
       if (contributes && position_is_number) {
         const ivec4 share = ivec4(round(w.x * w.y * w.z * fixed_point));
-        [[unroll]] for (int c = 0; c < 4; ++c) atomicAdd(sums[4 * node + c], share[c]);
+        [[unroll]] for (int c = 0; c < 4; ++c) if (share[c] != 0) atomicAdd(sums[4 * node + c], share[c]);
       }
       if (POSITION != 0) {
         const vec3 slope = mix(-cell.slope, cell.slope, bvec3(corner_bits(corner)));
