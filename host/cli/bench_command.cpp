@@ -1,0 +1,48 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "host/cli/arguments.h"
+#include "host/cli/command.h"
+#include "host/cli/progress.h"
+#include "host/evaluation/bench.h"
+#include "host/evaluation/training_bench.h"
+#include "host/file_writing.h"
+
+namespace arah {
+
+void add_bench_command(CLI::App& program, Run& run) {
+  struct Options {
+    std::filesystem::path json;
+    DeviceOptions device = DeviceOptions::from_environment();
+  };
+  const auto options = std::make_shared<Options>();
+  CLI::App* command =
+      program.add_subcommand("bench", "Measure the kernels, with OpenBLAS as the yardstick, and a training step");
+  command->add_option("--json", options->json, "file for the figures, {\"kernels\", \"training_step\"}");
+  add_device_option(*command, options->device);
+  command->footer("Example: arah bench --json bench.json");
+  command->callback([options, &run] {
+    run = [options] {
+      Device device(options->device);
+      Progress progress("bench", 1.0, "");
+      progress.say("kernels");
+      const BenchResult kernels =
+          run_bench(device, {}, [&](const BenchLine& line) { progress.say(fmt::format("  {} {}", line.name, line.shape)); });
+      progress.say("training step");
+      const TrainingBench training = run_training_bench(device);
+      progress.finish();
+      fmt::print("{}\n{}", bench_table(kernels), training_bench_table(training));
+      if (!options->json.empty()) {
+        const nlohmann::ordered_json json{{"kernels", nlohmann::ordered_json::parse(bench_json(kernels))},
+                                          {"training_step", nlohmann::ordered_json::parse(training_bench_json(training))}};
+        write_file_safely(options->json, json.dump(1) + "\n");
+      }
+      return 0;
+    };
+  });
+}
+
+}  // namespace arah

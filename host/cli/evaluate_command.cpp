@@ -1,0 +1,61 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "host/avatar/avatar_file.h"
+#include "host/cli/arguments.h"
+#include "host/cli/command.h"
+#include "host/cli/progress.h"
+#include "host/evaluation/evaluate.h"
+#include "host/file_writing.h"
+
+namespace arah {
+
+void add_evaluate_command(CLI::App& program, Run& run) {
+  struct Options {
+    std::filesystem::path avatar, capture, out;
+    EvaluationSettings settings;
+    DeviceOptions device = DeviceOptions::from_environment();
+  };
+  const auto options = std::make_shared<Options>();
+  EvaluationSettings& settings = options->settings;
+  CLI::App* command = program.add_subcommand("evaluate", "Compare an avatar's renderings with a capture's photographs");
+  command->add_option("AVATAR", options->avatar, kAvatarHelp)->required();
+  command->add_option("CAPTURE", options->capture, "the capture's folder")->required();
+  command->add_option("-o,--out", options->out, "folder for metrics.json and report.html")->required();
+  command->add_option("--split", settings.split, "whose frames: train, novel, ood, ...")->capture_default_str();
+  command->add_option("--cameras", settings.cameras, "training, held-out, all, or names with commas between")
+      ->capture_default_str();
+  command->add_option("--every", settings.every, "take every so-many-th frame that has pictures")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  command->add_option("--size", settings.size, "columns that photographs are reduced to (default: as they are)")
+      ->check(CLI::Range(1, 8192));
+  add_device_option(*command, options->device);
+  command->footer(
+      "PSNR is taken over the pixels of the posed template's projected box; metrics.json states the protocol.\n"
+      "Example: arah evaluate run capture -o evaluation --split novel --every 2");
+  command->callback([options, &run] {
+    run = [options] {
+      const Avatar avatar = load_avatar(avatar_file(options->avatar));
+      const Capture capture = open_capture(options->capture);
+      Device device(options->device);
+      Progress progress("evaluate", 1.0, "");
+      const Evaluation result = evaluate(device, avatar, capture, options->settings, [&](double part) {
+        progress.update(part);
+        return true;
+      });
+      make_folder(options->out);
+      const std::string name = options->avatar.string(), figures = describe(result);
+      write_file_safely(options->out / "metrics.json", evaluation_json(result, avatar, name, capture, device));
+      write_file_safely(options->out / "report.html",
+                        to_html(evaluation_report({result}, avatar, name, capture, device)));
+      progress.finish((options->out / "report.html").string());
+      fmt::print("{}\n", figures);
+      return 0;
+    };
+  });
+}
+
+}  // namespace arah

@@ -1,0 +1,112 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "host/avatar/spec_choice.h"
+#include "host/cli/arguments.h"
+#include "host/cli/command.h"
+#include "host/cli/interrupt.h"
+#include "host/cli/training_progress.h"
+#include "host/input_error.h"
+#include "host/training/training_run.h"
+
+namespace arah {
+namespace {
+
+struct Options {
+  std::filesystem::path capture;
+  RunOptions run;
+  std::optional<std::string> preset;
+  std::optional<int> size;
+  std::optional<double> minutes;
+  std::optional<uint64_t> steps, seed;
+  DeviceOptions device = DeviceOptions::from_environment();
+};
+
+// What the options ask for: of a new run, or on top of what a run began with.
+RunConfig resolve(const Options& options, const Capture& capture) {
+  RunConfig config;
+  if (options.run.resume) {
+    config = RunFolder(options.run.folder).read_config();
+    config.fingerprint = capture_fingerprint(capture);
+    config.capture = capture.path;
+    if (options.preset) config.settings.preset = *options.preset;
+  } else {
+    const std::string preset = options.preset.value_or("tiny");
+    const SpecChoice choice = choose_spec(preset, capture_facts(capture));
+    for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
+    config = make_run_config(capture, preset_settings(preset), choice.spec);
+  }
+  TrainingSettings& settings = config.settings;
+  if (options.size) settings.size = *options.size;
+  if (options.seed) settings.seed = *options.seed;
+  if (options.steps) settings.steps = *options.steps;
+  if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
+  for (const Camera& camera : capture.cameras)
+    if (camera.role == "train" && settings.size > camera.width)
+      throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),
+                       fmt::format("{}", settings.size));
+  return config;
+}
+
+int train(const Options& options) {
+  const Capture capture = open_capture(options.capture);
+  const RunConfig config = resolve(options, capture);
+  Device device(options.device);
+  fmt::print(stderr, "device: {} ({})\n", device.report().name, device.report().driver);
+
+  const TrainingSettings& settings = config.settings;
+  TrainingProgress progress(device, settings.steps > 0 ? fmt::format("{} steps", settings.steps)
+                                                       : fmt::format("{:g} minutes", settings.minutes));
+  const Interrupt interrupt;
+  const RunResult result = run_training(device, capture, config, options.run, [&](const RunEvent& event) {
+    progress.show(event);
+    return !interrupt.wanted();
+  });
+  progress.finish(result);
+  if (options.device.profile) fmt::print("{}", device.profiler().table());
+  if (!result.stopped) return 0;
+  if (result.avatar.empty()) throw std::runtime_error("stopped during the fit to the template; nothing was kept");
+  throw std::runtime_error(fmt::format("stopped at step {}; continue with --resume", result.steps));
+}
+
+}  // namespace
+
+void add_train_command(CLI::App& program, Run& run) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = program.add_subcommand("train", "Make an avatar of the person in a capture");
+  command->add_option("CAPTURE", options->capture, "the capture's folder")->required();
+  command
+      ->add_option("-o,--out", options->run.folder,
+                   "the run's folder: config.json, events.jsonl, checkpoints/ and avatar.safetensors")
+      ->required();
+  command->add_option("--preset", options->preset, "sizes and settings to start from (default: tiny)")
+      ->check(CLI::IsMember(preset_names()));
+  command->add_option("--size", options->size, "columns that pictures are reduced to (default: as they are)")
+      ->check(CLI::Range(1, 8192));
+  CLI::Option* minutes =
+      command
+          ->add_option("--minutes", options->minutes,
+                       "time in all, the start included (default: the preset's: 10, 30 or 600)")
+          ->check(CLI::Range(0.0, 1e6));
+  command->add_option("--steps", options->steps, "steps instead of minutes")
+      ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
+      ->excludes(minutes);
+  command->add_option("--seed", options->seed, "of first values, pixels and points (default: 0)");
+  command->add_flag("--resume", options->run.resume,
+                    "go on from the newest checkpoint; with more --steps or --minutes also beyond the end");
+  command->add_option("--stop-at", options->run.stop_at, "stop at this step as Ctrl-C would, for --resume to go on")
+      ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
+  add_device_option(*command, options->device);
+  command->add_flag("--profile", options->device.profile, "time every launch on the device and print the table");
+  command->footer(
+      "Ctrl-C stops after the current step, with a checkpoint and the avatar (exit code 1).\n"
+      "Example: arah train capture -o run --preset tiny --size 256 --minutes 10");
+  command->callback([options, &run] {
+    options->run.started = std::chrono::steady_clock::now();
+    run = [options] { return train(*options); };
+  });
+}
+
+}  // namespace arah

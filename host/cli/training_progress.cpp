@@ -1,0 +1,65 @@
+#include "host/cli/training_progress.h"
+
+#include <fmt/format.h>
+
+#include <sstream>
+
+namespace arah {
+namespace {
+
+constexpr int kMemoryLines = 3;
+
+// "memory: 214.3 MB, of which 94.2 MB training: first moments, 47.1 MB ..."
+std::string memory_text(const Device& device) {
+  std::istringstream table(device.memory_table());
+  std::string text = fmt::format("memory: {:.1f} MB on the device", static_cast<double>(device.allocated_bytes()) * 1e-6);
+  std::string line;
+  for (int i = 0; i < kMemoryLines && std::getline(table, line); ++i) {
+    double megabytes = 0;
+    std::string unit, name;
+    std::istringstream fields(line);
+    fields >> megabytes >> unit >> std::ws;
+    std::getline(fields, name);
+    if (name != "in all") text += fmt::format("{}{:.1f} MB '{}'", i == 0 ? "; the largest: " : ", ", megabytes, name);
+  }
+  return text;
+}
+
+}  // namespace
+
+void TrainingProgress::show(const RunEvent& event) {
+  switch (event.kind) {
+    case RunEvent::Kind::fitting:
+      if (!fit_) fit_.emplace("fit to the template", 1.0, "");
+      fit_->update(event.fraction);
+      break;
+    case RunEvent::Kind::fitted:
+      if (!fit_) fit_.emplace("fit to the template", 1.0, "");
+      fit_->finish(fmt::format("surface within {:.2f} mm, skinning weights within {:.4f}", 1e3 * event.fit.sdf_error,
+                               event.fit.skinning_error));
+      break;
+    case RunEvent::Kind::resumed:
+      fmt::print(stderr, "resumed from {} at step {}\n", event.file.string(), event.step.step);
+      break;
+    case RunEvent::Kind::ready:
+      fmt::print(stderr, "{}\n", memory_text(device_));
+      steps_.emplace(fmt::format("train for {}", budget_), 1.0, "", event.fraction);
+      break;
+    case RunEvent::Kind::step: {
+      last_ = event.step;
+      const double rate = event.seconds_per_step > 0 ? 1 / event.seconds_per_step : 0;
+      steps_->update(event.fraction, fmt::format("step {}  {:.1f} steps/s  loss {:.4f}  colour {:.4f}", last_.step, rate,
+                                                 last_.total, last_.color));
+      break;
+    }
+    case RunEvent::Kind::checkpoint:
+      steps_->say(fmt::format("checkpoint of step {} written", event.step.step));
+      break;
+  }
+}
+
+void TrainingProgress::finish(const RunResult& result) {
+  if (steps_) steps_->finish(fmt::format("{} steps  loss {:.4f}  {}", result.steps, last_.total, result.avatar.string()));
+}
+
+}  // namespace arah

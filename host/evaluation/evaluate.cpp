@@ -1,0 +1,210 @@
+#include "host/evaluation/evaluate.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "host/evaluation/image_metrics.h"
+#include "host/evaluation/picture.h"
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+struct Place {
+  std::size_t camera = 0;
+  int frame = 0;
+};
+
+std::vector<std::size_t> chosen_cameras(const Capture& capture, const std::string& wanted) {
+  std::vector<std::size_t> cameras;
+  if (wanted == "training" || wanted == "held-out" || wanted == "all") {
+    for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
+      const bool held_out = capture.cameras[c].role == "test";
+      if (wanted == "all" || held_out == (wanted == "held-out")) cameras.push_back(c);
+    }
+    if (cameras.empty())
+      throw InputError((capture.path / "cameras.json").string(), "role", wanted + " cameras", "none",
+                       "--cameras training, all, or names with commas between.");
+    return cameras;
+  }
+  for (std::size_t from = 0; from <= wanted.size();) {
+    const std::size_t to = std::min(wanted.find(',', from), wanted.size());
+    const std::size_t camera = camera_index(capture, wanted.substr(from, to - from));
+    if (std::find(cameras.begin(), cameras.end(), camera) == cameras.end()) cameras.push_back(camera);
+    from = to + 1;
+  }
+  return cameras;
+}
+
+std::vector<Place> places(const Capture& capture, const EvaluationSettings& settings) {
+  if (settings.every < 1) throw InputError("--every", "", "at least 1", fmt::format("{}", settings.every));
+  std::vector<Place> result;
+  for (const std::size_t camera : chosen_cameras(capture, settings.cameras)) {
+    const std::vector<int> frames = frames_with_images(capture, settings.split, camera);
+    for (std::size_t f = 0; f < frames.size(); f += static_cast<std::size_t>(settings.every))
+      result.push_back({camera, frames[f]});
+  }
+  if (result.empty())
+    throw InputError((capture.path / "images" / settings.split).string(), "",
+                     fmt::format("pictures of the cameras '{}'", settings.cameras), "none",
+                     "arah inspect lists what a capture holds.");
+  std::stable_sort(result.begin(), result.end(), [](const Place& a, const Place& b) { return a.frame < b.frame; });
+  return result;
+}
+
+void check_skeleton(const Avatar& avatar, const Capture& capture) {
+  const Skeleton& ours = avatar.body.skeleton;
+  const Skeleton& theirs = capture.body_template.skeleton;
+  if (ours.names != theirs.names || ours.parents != theirs.parents)
+    throw InputError((capture.path / "template.glb").string(), "skeleton",
+                     fmt::format("the avatar's {} joints", ours.size()),
+                     ours.size() == theirs.size() ? "other names or parents" : fmt::format("{}", theirs.size()),
+                     "Evaluate on a capture of the subject that the avatar was trained on.");
+}
+
+std::vector<float> rgb_of(const Image& image) {
+  std::vector<float> rgb;
+  rgb.reserve(image.rgba.size() / 4 * 3);
+  for (std::size_t i = 0; i < image.rgba.size(); i += 4) rgb.insert(rgb.end(), &image.rgba[i], &image.rgba[i] + 3);
+  return rgb;
+}
+
+std::string row_split(const EvaluationSettings& settings, const Camera& camera) {
+  const bool held_out = camera.role == "test";
+  if (settings.split == "train") return held_out ? "held-out views of training poses" : "training views";
+  return fmt::format("{} poses, {} views", settings.split, held_out ? "held-out" : "training");
+}
+
+nlohmann::ordered_json optional_number(const std::optional<double>& value) {
+  return value && std::isfinite(*value) ? nlohmann::ordered_json(*value) : nlohmann::ordered_json();
+}
+
+}  // namespace
+
+Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
+                    const std::function<bool(double)>& progress) {
+  check_skeleton(avatar, capture);
+  const Motion& motion = motion_of(capture, settings.split);
+  const std::vector<Place> todo = places(capture, settings);
+  RenderSettings render_settings;
+  render_settings.normals = settings.pictures;
+  Renderer renderer(device, avatar, render_settings);
+
+  Evaluation result;
+  result.settings = settings;
+  const auto start = std::chrono::steady_clock::now();
+  std::vector<double> psnrs, ssims;
+  for (std::size_t i = 0; i < todo.size(); ++i) {
+    const Place& place = todo[i];
+    const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
+    const Camera& stored = capture.cameras[place.camera];
+    const Camera camera = settings.size > 0 ? stored.scaled(settings.size) : stored;
+    const Pose& pose = find_frame(motion, place.frame)->pose;
+    const PixelMask mask = projected_box_mask(camera, posed_vertices(avatar.body, pose));
+    if (std::find(mask.inside.begin(), mask.inside.end(), 1) == mask.inside.end())
+      throw InputError(image_path(capture, settings.split, place.camera, place.frame).string(), "",
+                       "the posed template in view", "nothing of it",
+                       "Check cameras and poses with arah inspect, or leave the camera out with --cameras.");
+    const Picture picture = renderer.render(
+        camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part) {
+          return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(todo.size()));
+        });
+    const std::vector<float> truth = rgb_of(photograph);
+    const int w = camera.width, h = camera.height;
+    const ImageMetrics metrics = image_metrics({picture.color, w, h}, {truth, w, h}, mask.inside);
+
+    ReportRow row;
+    row.split = row_split(settings, stored);
+    row.camera = stored.name;
+    row.frame = place.frame;
+    row.psnr = metrics.psnr;
+    row.ssim = metrics.ssim;
+    if (settings.pictures)
+      row.images = {{"photograph", encode_png(truth, w, h, 3)},
+                    {"rendering", encode_png(picture.color, w, h, 3)},
+                    {"error ×4", encode_png(error_map(picture.color, truth, w, h), w, h, 3)},
+                    {"normals", encode_png(normals_to_rgb(picture.normal, w, h), w, h, 3)}};
+    result.rows.push_back(std::move(row));
+    psnrs.push_back(metrics.psnr);
+    if (metrics.ssim) ssims.push_back(*metrics.ssim);
+  }
+  result.psnr = mean_of_finite(psnrs);
+  result.ssim = mean_of_finite(ssims);
+  result.root_finding = renderer.root_finder().counts();
+  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return result;
+}
+
+std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,
+                            const Capture& capture, const Device& device) {
+  using nlohmann::ordered_json;
+  ordered_json images = ordered_json::array();
+  for (const ReportRow& row : evaluation.rows)
+    images.push_back({{"frame", row.frame},
+                      {"camera", row.camera},
+                      {"psnr", optional_number(row.psnr)},
+                      {"ssim", optional_number(row.ssim)}});
+  const RootFindingCounts& counts = evaluation.root_finding;
+  return ordered_json{
+             {"mean", {{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}}},
+             {"images", images},
+             {"split", evaluation.settings.split},
+             {"cameras", evaluation.settings.cameras},
+             {"every", evaluation.settings.every},
+             {"size", evaluation.settings.size},
+             {"protocol", metrics_definition(kDataRange)},
+             {"avatar", avatar_path},
+             {"capture", capture.path.string()},
+             {"device", device.report().name},
+             {"driver", device.report().driver},
+             {"version", kVersion},
+             {"avatar_version", avatar.version},
+             {"seed", avatar.seed},
+             {"steps", avatar.steps},
+             {"root_finding",
+              {{"points", counts.points},
+               {"converged", counts.converged},
+               {"diverged", counts.diverged},
+               {"exhausted", counts.exhausted},
+               {"steps", counts.steps}}},
+             {"seconds", evaluation.seconds},
+         }
+             .dump(1) +
+         "\n";
+}
+
+Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avatar, const std::string& avatar_path,
+                         const Capture& capture, const Device& device) {
+  Report report;
+  report.title = "Evaluation of " + avatar_path;
+  report.definition = metrics_definition(kDataRange);
+  report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset,
+                                         avatar.steps, avatar.seed)},
+                  {"capture", capture.path.string()},
+                  {"device", fmt::format("{} ({})", device.report().name, device.report().driver)},
+                  {"program", fmt::format("arah {}", kVersion)}};
+  for (Evaluation& evaluation : evaluations) {
+    const RootFindingCounts& counts = evaluation.root_finding;
+    report.summary += (report.summary.empty() ? "" : ". ") + describe(evaluation);
+    report.facts.emplace_back(
+        "root finding, split " + evaluation.settings.split,
+        fmt::format("{} searches, {:.2f} % converged, {} diverged, {} out of steps", counts.points,
+                    100.0 * static_cast<double>(counts.converged) / static_cast<double>(std::max<uint64_t>(counts.points, 1)),
+                    counts.diverged, counts.exhausted));
+    std::move(evaluation.rows.begin(), evaluation.rows.end(), std::back_inserter(report.rows));
+  }
+  return report;
+}
+
+std::string describe(const Evaluation& evaluation) {
+  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {} ({} pictures)", evaluation.settings.split,
+                     evaluation.settings.cameras, evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
+                     evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined", evaluation.rows.size());
+}
+
+}  // namespace arah

@@ -1,0 +1,53 @@
+// How near an avatar's renderings are to a capture's photographs, picture by picture (ARAH.md, "Metrics").
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/avatar/avatar.h"
+#include "host/evaluation/report.h"
+#include "host/rendering/renderer.h"
+
+namespace arah {
+
+struct EvaluationSettings {
+  std::string split = "train";
+  std::string cameras = "held-out";  // "training", "held-out", "all", or names with commas between
+  int every = 1;                     // takes every so-many-th frame that has a picture, camera by camera
+  int size = 0;                      // columns that photographs are reduced to; 0: as they are
+  bool pictures = true;              // keep photograph, rendering, error and normals for the report
+};
+
+struct Evaluation {
+  EvaluationSettings settings;
+  std::vector<ReportRow> rows;  // by frame, then camera
+  std::optional<double> psnr;   // mean over the pictures, dB; absent where none is finite
+  std::optional<double> ssim;   // mean over the pictures; absent where none has one
+  RootFindingCounts root_finding;
+  double seconds = 0;  // of rendering
+};
+
+// PSNR over the pixels of the projected box of the posed template ± 5 cm, photographs on black; SSIM on that region's
+// bounding rectangle, data range 1; no 8-bit rounding. A frame without a latent code of its own takes the last one.
+// progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
+// Throws InputError: a split or camera that the capture does not have, no picture to compare with, a person of whom
+// nothing is in view, a template with another skeleton than the avatar's, a picture that cannot be read.
+Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
+                    const std::function<bool(double)>& progress = {});
+
+// {"mean": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim"}], "split", "protocol", "avatar", "capture",
+// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds"}; what is not
+// defined, such as the PSNR of identical pictures, is null. avatar_path: as the user knows it.
+std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,
+                            const Capture& capture, const Device& device);
+
+// The page's facts, definition and summary for the figures of one or more evaluations; rows are moved in.
+Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avatar, const std::string& avatar_path,
+                         const Capture& capture, const Device& device);
+
+// "split train, cameras held-out: PSNR 28.60 dB, SSIM 0.9120 (20 pictures)".
+std::string describe(const Evaluation& evaluation);
+
+}  // namespace arah
