@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "kernels/color/posed_normals.h"
+#include "kernels/color/posed_normals_backward.h"
 #include "kernels/skinning/position_gradient.h"
 #include "kernels/tracing/normalise_inputs.h"
 
@@ -10,11 +12,13 @@ namespace arah {
 
 Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients)
     : networks_(networks), samples_per_ray_(samples_per_ray) {
-  if (networks.spec().color.normal) throw std::invalid_argument("normals as a colour input are not rendered by this version: set color.normal to false");
-  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), capacity, SirenTape::Holds::first_order);
-  color_tape_.emplace(device, "samples: color", networks.color_shape(), capacity, with_gradients);
-  if (!with_gradients) return;
+  const bool normal = networks.spec().color.normal;
   const uint64_t rows = padded_points(capacity);
+  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), capacity, normal && with_gradients ? SirenTape::Holds::second_order : SirenTape::Holds::first_order);
+  color_tape_.emplace(device, "samples: color", networks.color_shape(), capacity, with_gradients);
+  if (normal) normals_ = Buffer(device, "samples: normals", rows * 16, BufferPlace::device);
+  if (!with_gradients) return;
+  if (normal) d_normals_ = Buffer(device, "samples: gradient at normals", rows * 16, BufferPlace::device);
   d_position_ = Buffer(device, "samples: gradient at n(x)", rows * 16, BufferPlace::device);
   upstream_ = Buffer(device, "samples: gradient at x", rows * 16, BufferPlace::device);
   const uint64_t floats = std::max({networks.sdf().weight_gradient_scratch(capacity), networks.color().weight_gradient_scratch(capacity), networks.unpack_scratch()});
@@ -24,10 +28,16 @@ Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32
 void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradient) {
   const PointRange range{in.rows, {}};
   record_normalise_inputs(commands, {{range, {}}, in.frame, in.canonical, sdf_tape_->input()});
-  networks_.sdf().record_forward(commands, *sdf_tape_, range, want_gradient || networks_.has_gradients());
-  if (want_gradient) networks_.sdf().record_gradient(commands, *sdf_tape_, range, false);
+  const bool normal = networks_.spec().color.normal;
+  networks_.sdf().record_forward(commands, *sdf_tape_, range, want_gradient || normal || networks_.has_gradients());
+  if (want_gradient || normal) networks_.sdf().record_gradient(commands, *sdf_tape_, range, normal && networks_.has_gradients());
   AssembleInputsArgs rows;
   rows.row = networks_.color_row();
+  if (normal) {
+    if (in.transforms.empty()) throw std::invalid_argument("the colour takes normals: the field needs the samples' transforms");
+    record_posed_normals(commands, {in.rows, sdf_tape_->gradient(), in.transforms, normals_.slice(), false});
+    rows.normals = normals_.slice();
+  }
   rows.points = in.rows;
   rows.samples_per_ray = samples_per_ray_;
   rows.frame = in.frame;
@@ -63,7 +73,9 @@ void Field::record_backward(Commands& commands, const Inputs& in, const Backward
   rows.d_rows = color_tape_->input_gradient();
   rows.d_position = d_position_.slice();
   if (rows.row.feature_channels) rows.d_feature = sdf_tape_->feature_cotangent();
+  if (rows.row.normal) rows.d_normal = d_normals_.slice();
   record_assemble_inputs_backward(commands, rows);
+  if (rows.row.normal) record_posed_normals_backward(commands, {in.rows, d_normals_.slice(), in.transforms, sdf_tape_->gradient_cotangent()});
   if (networks_.grid().levels) {
     FeatureGridBackwardArgs grid;
     grid.shape = networks_.grid();
@@ -86,6 +98,7 @@ void Field::record_backward(Commands& commands, const Inputs& in, const Backward
 
   Siren::Backward sdf;
   sdf.feature = rows.row.feature_channels > 0;
+  sdf.gradient = rows.row.normal;
   sdf.input_gradient = options.position;
   sdf.scratch = scratch_.slice();
   networks_.sdf().record_backward(commands, *sdf_tape_, range, sdf);

@@ -18,8 +18,10 @@ class Field {
     BufferSlice canonical;  // vec4 by row
     BufferSlice rays;       // Ray by ray; read where the colour takes the view direction
     uint32_t rows = 0;
+    BufferSlice transforms = {};  // three vec4 by row: blended transforms; read where the colour takes the normal
   };
-  // Fills sdf(), rgb(), and gradient() where wanted (always where the colour takes the normal).
+  // Fills sdf(), rgb(), and gradient() where wanted (always where the colour takes the normal). Throws
+  // std::invalid_argument where the colour takes the normal and there are no transforms.
   void record_forward(Commands& commands, const Inputs& inputs, bool want_gradient = false);
 
   Matrix sdf() { return sdf_tape_->sdf(); }             // channel 0: f, cube units
@@ -46,7 +48,7 @@ class Field {
   uint32_t samples_per_ray_;
   std::optional<SirenTape> sdf_tape_;
   std::optional<DenseTape> color_tape_;
-  Buffer d_position_, upstream_, scratch_;
+  Buffer d_position_, upstream_, scratch_, normals_, d_normals_;  // the last two: of the colour's input
 };
 
 }  // namespace arah

@@ -5,9 +5,12 @@
 
 #include "kernels/rays/shell_bins.h"
 #include "kernels/sampling/shell_samples.h"
+#include "kernels/sampling/surface_samples.h"
 #include "shaders/shared/ray.h"
 
 namespace arah {
+
+const char* to_string(SamplingMode mode) { return mode == SamplingMode::surface ? "surface" : "shell"; }
 
 RayCamera ray_camera(const Camera& camera) {
   RayCamera result;
@@ -36,8 +39,12 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
   };
   pixels_ = make("pixels", rays * 4);
   rays_ = make("rays", rays * sizeof(Ray));
-  kept_ = make("kept bins", rays * 8);
-  kept_counts_ = make("numbers of kept bins", rays * 4);
+  if (settings.mode == SamplingMode::surface) {
+    surface_.emplace(device, networks, capacity_rays_);
+  } else {
+    kept_ = make("kept bins", rays * 8);
+    kept_counts_ = make("numbers of kept bins", rays * 4);
+  }
   depths_ = make("depths", rows * 4);
   deltas_ = make("deltas", rows * 4);
   points_ = make("posed points", rows * 16);
@@ -55,6 +62,7 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
   generate.pixels = pixels_.slice();
   generate.rays = rays_.slice();
   record_generate_rays(commands, generate);
+  if (surface_) return commands.submit_and_wait();
   ShellBinsArgs bins;
   bins.count = count;
   bins.root_translation = frame.root_translation();
@@ -69,10 +77,16 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
   commands.submit_and_wait();
 }
 
-std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) { return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays)); }
+std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) {
+  if (!surface_) return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays));
+  std::vector<uint32_t> counts;
+  for (const Ray& ray : device_.download<Ray>(rays_.slice().sub(0, rays * sizeof(Ray)))) counts.push_back(ray.near < ray.far);
+  return counts;
+}
 
 void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
   if (rays > capacity_rays_) throw std::invalid_argument("more rays than room for samples");
+  if (surface_) return place_around_surface(commands, frame, rays, jitter);
   ShellSamplesArgs samples;
   samples.rays = rays;
   samples.samples = settings_.samples;
@@ -84,6 +98,25 @@ void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, 
   samples.deltas = deltas_.slice();
   samples.points = points_.slice();
   record_shell_samples(commands, samples);
+  finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
+}
+
+void RaySamples::place_around_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
+  surface_->find(commands, frame, rays, rays_.slice(), jitter.on ? SurfaceFinder::Candidates::in_box : SurfaceFinder::Candidates::not_diverged, settings_.root);
+  SurfaceSamplesArgs samples;
+  samples.rays = rays;
+  samples.slots = settings_.samples;
+  samples.around_surface = samples_around_surface;
+  samples.before_surface = samples_before_surface;
+  samples.without_surface = settings_.samples;
+  samples.root_translation = frame.root_translation();
+  samples.jitter = jitter;
+  samples.ray_list = rays_.slice();
+  samples.surface_points = surface_->surface_points();
+  samples.surface_depths = surface_->surface_depths();
+  samples.depths = depths_.slice();
+  samples.points = points_.slice();
+  record_surface_samples(commands, samples);
   finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
 }
 

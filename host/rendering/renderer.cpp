@@ -77,7 +77,9 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   samples_->set_pixels(commands_, frame, camera, pixels);
   samples_->place(commands_, frame, rays, {});
   const uint32_t rows = samples_->rows(rays);
-  field_->record_forward(commands_, {frame.constants(), samples_->canonical(), samples_->rays(), rows}, settings_.normals);
+  const bool turned = settings_.normals || avatar_.spec.color.normal;
+  const BufferSlice transforms = turned ? samples_->root_finder().record_transforms(commands_, frame, rows, samples_->canonical()) : BufferSlice{};
+  field_->record_forward(commands_, {frame.constants(), samples_->canonical(), samples_->rays(), rows, transforms}, settings_.normals);
 
   CompositeForwardArgs composite;
   composite.samples.rays = rays;
@@ -89,6 +91,7 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   composite.samples.deltas = samples_->deltas();
   composite.samples.parameters = networks_.parameters();
   composite.samples.scale_index = networks_.deviation_index();
+  composite.delta_mode = samples_->delta_mode();
   composite.depths = samples_->depths();
   composite.colors = colors_.slice();
   composite.ray_depths = ray_depths_.slice();
@@ -96,7 +99,6 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   composite.transmittances = transmittances_.slice();
   record_composite_forward(commands_, composite);
   if (settings_.normals) {
-    const BufferSlice transforms = samples_->root_finder().record_transforms(commands_, frame, rows, samples_->canonical());
     record_posed_normals(commands_, {rows, field_->gradient(), transforms, normals_.slice(), true});
     composite.samples.rgb = {normals_.slice(), 4, 0};  // Σ w n: compositing is linear in its colours
     composite.colors = composited_normals_.slice();

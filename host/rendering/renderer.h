@@ -11,7 +11,7 @@
 namespace arah {
 
 struct RenderSettings {
-  SamplingSettings sampling{.samples = 32, .shell = {}, .root = {}};
+  SamplingSettings sampling{.mode = SamplingMode::shell, .samples = 32, .shell = {}, .root = {}};
   bool normals = false;
   uint64_t memory_bytes = 600'000'000;  // of activations: decides how many rays are rendered at a time
 };

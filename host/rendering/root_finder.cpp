@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <stdexcept>
 
 #include "kernels/skinning/lbs.h"
@@ -12,16 +13,23 @@
 #include "kernels/tracing/compact.h"
 #include "kernels/tracing/nearest_vertex.h"
 #include "kernels/tracing/normalise_inputs.h"
+#include "kernels/tracing/template_correspondence.h"
 #include "shaders/shared/work_count.h"
 
 namespace arah {
 
 PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity)
     : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
-  if (networks.spec().skinning.kind == Skinning::none) return;
   const uint64_t vec4_bytes = uint64_t(capacity_) * 16;
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) { return Buffer(device, std::string("root search: ") + what, bytes, place); };
+  transforms_ = make("transforms", vec4_bytes * 3);
+  if (networks.spec().skinning.kind == Skinning::none) {  // no bone moves
+    std::vector<std::array<float, 12>> identity(capacity_, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
+    device.upload(transforms_.slice(), identity);
+    return;
+  }
   nearest_ = make("nearest vertex", capacity_ * 4ull);
+  device.upload(nearest_.slice(), std::vector<uint32_t>(capacity_, 0));  // a vertex for points that are not searched
   for (Buffer& list : ids_) list = make("active points", capacity_ * 4ull);
   for (Buffer& count : count_) count = make("active count", sizeof(WorkCount), BufferPlace::shared);
   scratch_ = make("compaction", compact_blocks(capacity_) * 4ull);
@@ -29,7 +37,6 @@ PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint3
   if (networks.spec().skinning.kind != Skinning::network) return;
   tape_.emplace(device, "root search", networks.skinning_shape(), capacity_, false);
   posed_ = make("posed points", vec4_bytes);
-  transforms_ = make("transforms", vec4_bytes * 3);
   active_ = make("active flags", capacity_ * 4ull);
   search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
   state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point, false));
@@ -44,8 +51,7 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
     commands.copy(targets.sub(0, bytes), canonical.sub(0, bytes));
     return;
   }
-  if (networks_.spec().skinning.kind != Skinning::network)
-    throw std::invalid_argument("skinning by template weights is not rendered by this version: train with the skinning network");
+  if (networks_.spec().skinning.kind == Skinning::template_weights) return solve_by_template(commands, frame, points, targets, canonical);
 
   // The wanted points, in order; then their starts.
   CompactArgs wanted;
@@ -103,9 +109,9 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   start.active = active_.slice();
   start.max_iterations = settings.max_iterations;
   record_broyden_start(commands, start);
-  compact();
 
-  // Most points need three steps (ARAH.md §11): look at how many are left only now and then.
+  // Most points need three steps (ARAH.md §11): look at how many are left only now and then. Compaction costs as much as
+  // evaluating some 15 % of the points, so it waits for the second step, after which a quarter is left.
   for (uint32_t iteration = 0, batch = 4; iteration < settings.max_iterations;) {
     for (const uint32_t end = std::min(iteration + batch, settings.max_iterations); iteration < end; ++iteration) {
       evaluate(state_.iterates(), false);
@@ -119,13 +125,13 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
       step.max_iterations = settings.max_iterations;
       step.tolerance = settings.tolerance;
       record_broyden_step(commands, step);
-      compact();
+      if (iteration > 0) compact();
     }
     commands.submit_and_wait();
     WorkCount left{};
     device_.download(count_[current].slice(), &left, sizeof left);
     if (left.count == 0) break;
-    batch = 8;
+    batch = iteration < 8 ? 2 : 8;
   }
 
   BroydenFinishArgs finish;
@@ -145,7 +151,36 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   counts_.exhausted += counts.exhausted;
 }
 
+void PointRootFinder::solve_by_template(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical) {
+  CompactArgs wanted;
+  wanted.rows.range.points = points;
+  wanted.flagged_points = targets;
+  wanted.scratch = scratch_.slice();
+  wanted.compacted = ids_[0].slice();
+  wanted.count = count_[0].slice();
+  record_compact(commands, wanted);
+  NearestVertexArgs nearest;
+  nearest.rows = {{points, count_[0].slice()}, ids_[0].slice()};
+  nearest.frame = frame.constants();
+  nearest.posed = targets;
+  nearest.target = frame.vertices();
+  nearest.canonical = starts_.slice();
+  nearest.nearest = nearest_.slice();
+  record_nearest_vertex(commands, nearest);
+  record_accept_starts(commands, {points, targets, starts_.slice(), canonical});
+  commands.submit_and_wait();
+  WorkCount found{};
+  device_.download(count_[0].slice(), &found, sizeof found);
+  counts_.points += found.count;
+  counts_.converged += found.count;
+}
+
 BufferSlice PointRootFinder::record_transforms(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& canonical) {
+  if (networks_.spec().skinning.kind == Skinning::none) return transforms_.slice();
+  if (networks_.spec().skinning.kind == Skinning::template_weights) {
+    record_vertex_transforms(commands, {points, frame.constants(), nearest_.slice(), frame.vertices(), transforms_.slice()});
+    return transforms_.slice();
+  }
   const Rows rows{{points, {}}, {}};
   record_normalise_inputs(commands, {rows, frame.constants(), canonical, tape_->input()});
   networks_.skinning().record_forward(commands, *tape_, rows.range);

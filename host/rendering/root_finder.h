@@ -33,13 +33,16 @@ class PointRootFinder {
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
 
-  // Three vec4 by point: the rows of Σ_b w_b B_b at canonical points. Overwritten by the next solve.
+  // Three vec4 by point: the rows of Σ_b w_b B_b at the canonical points, whose number and order are those of the last
+  // solve: with template weights the nearest vertices found there decide. Overwritten by the next solve.
   BufferSlice record_transforms(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& canonical);
 
   RootFindingCounts counts() const { return counts_; }
   void reset_counts() { counts_ = {}; }
 
  private:
+  void solve_by_template(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical);
+
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t capacity_;

@@ -224,7 +224,8 @@ StepReport Trainer::step(uint64_t steps_left) {
   samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), batch.pixels);
   samples_.root_finder().reset_counts();
   samples_.place(commands_, frame, settings_.rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), 0});
-  const Field::Inputs inputs{frame.constants(), samples_.canonical(), samples_.rays(), samples_.rows(settings_.rays)};
+  Field::Inputs inputs{frame.constants(), samples_.canonical(), samples_.rays(), samples_.rows(settings_.rays)};
+  if (avatar_.spec.color.normal) inputs.transforms = samples_.root_finder().record_transforms(commands_, frame, inputs.rows, samples_.canonical());
   field_.record_forward(commands_, inputs);
   CompositeForwardArgs composite;
   composite.samples.rays = settings_.rays;
@@ -236,6 +237,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   composite.samples.deltas = samples_.deltas();
   composite.samples.parameters = networks_.parameters();
   composite.samples.scale_index = networks_.deviation_index();
+  composite.delta_mode = samples_.delta_mode();
   composite.depths = samples_.depths();
   composite.colors = colors_.slice();
   composite.ray_depths = ray_depths_.slice();

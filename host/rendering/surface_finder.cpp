@@ -1,0 +1,244 @@
+#include "host/rendering/surface_finder.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "kernels/skinning/jacobian.h"
+#include "kernels/skinning/lbs.h"
+#include "kernels/skinning/lbs_backward.h"
+#include "kernels/tracing/broyden_finish.h"
+#include "kernels/tracing/broyden_start.h"
+#include "kernels/tracing/broyden_step.h"
+#include "kernels/tracing/compact.h"
+#include "kernels/tracing/normalise_inputs.h"
+#include "kernels/tracing/template_correspondence.h"
+#include "shaders/shared/tracing.h"
+#include "shaders/shared/work_count.h"
+
+namespace arah {
+namespace {
+
+constexpr uint32_t trace_iterations = 50;  // ARAH.md §4
+constexpr uint32_t first_look = 8;         // iterations before the host asks for the first time how many rays are left …
+constexpr uint32_t look_every = 8;         // … and between its later questions
+
+}  // namespace
+
+SurfaceFinder::SurfaceFinder(Device& device, AvatarNetworks& networks, uint32_t capacity)
+    : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
+  const uint64_t vec4_each = uint64_t(capacity_) * 16, word_each = uint64_t(capacity_) * 4;
+  auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
+    Buffer buffer(device, std::string("surface search: ") + what, bytes, place);
+    Commands zero(device);
+    zero.fill(buffer.slice(), 0);
+    zero.submit_and_wait();
+    return buffer;
+  };
+  for (Queue* queue : {&queues_[0], &queues_[1], &in_box_}) *queue = {make("rays in a queue", word_each), make("length of a queue", sizeof(WorkCount), BufferPlace::shared)};
+  trace_ = make("traces", vec4_each);
+  posed_ = make("posed points", vec4_each);
+  candidates_ = make("candidates", word_each);
+  active_ = make("active flags", word_each);
+  scratch_ = make("compaction", compact_blocks(capacity_) * 4ull);
+  starts_ = make("starts", vec4_each);
+  nearest_ = make("nearest vertex", word_each);
+  canonical_ = make("surface points", vec4_each);
+  depths_ = make("surface depths", word_each);
+  const bool joint = networks.spec().skinning.kind == Skinning::network;
+  sdf_tape_.emplace(device, "surface search: sdf", networks.sdf_shape(), capacity_, joint ? SirenTape::Holds::first_order : SirenTape::Holds::values);
+  if (!joint) return;
+  skinning_tape_.emplace(device, "surface search: skinning", networks.skinning_shape(), capacity_, true);
+  skinned_ = make("skinned points", vec4_each);
+  transforms_ = make("transforms", vec4_each * 3);
+  jacobians_ = make("Jacobians", vec4_each * 3);
+  for (Buffer& gradient : skinning_gradients_) gradient = make("row of the Jacobian", uint64_t(capacity_) * channel_padding * 4);
+  search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
+  state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point_and_depth, false));
+  state_ = {state_buffer_.slice(), capacity_, Unknowns::point_and_depth, false};
+}
+
+Rows SurfaceFinder::rows_of(uint32_t rays, Queue& queue) const { return {{rays, queue.count.slice()}, queue.ids.slice()}; }
+
+uint32_t SurfaceFinder::length(Queue& queue) {
+  WorkCount count{};
+  device_.download(queue.count.slice(), &count, sizeof count);
+  return count.count;
+}
+
+void SurfaceFinder::record_compaction(Commands& commands, const Rows& rows, Buffer& flags, Queue& to) {
+  CompactArgs args;
+  args.rows = rows;
+  args.flags = flags.slice();
+  args.scratch = scratch_.slice();
+  args.compacted = to.ids.slice();
+  args.count = to.count.slice();
+  record_compact(commands, args);
+}
+
+void SurfaceFinder::record_sdf(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool gradient) {
+  record_normalise_inputs(commands, {rows, frame.constants(), at, sdf_tape_->input()});
+  networks_.sdf().record_forward(commands, *sdf_tape_, rows.range, gradient);
+  if (gradient) networks_.sdf().record_gradient(commands, *sdf_tape_, rows.range, false);
+}
+
+void SurfaceFinder::record_skinning(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool jacobian) {
+  DenseNetwork& network = networks_.skinning();
+  record_normalise_inputs(commands, {rows, frame.constants(), at, skinning_tape_->input()});
+  network.record_forward(commands, *skinning_tape_, rows.range);
+  LbsArgs lbs;
+  lbs.tree = &networks_.tree();
+  lbs.rows = rows;
+  lbs.logits = skinning_tape_->output();
+  lbs.frame = frame.constants();
+  lbs.canonical = at;
+  lbs.posed = skinned_.slice();
+  if (jacobian) lbs.transforms = transforms_.slice();
+  record_lbs(commands, lbs);
+  if (!jacobian) return;
+
+  LbsBackwardArgs back;
+  back.tree = lbs.tree;
+  back.rows = rows;
+  back.logits = lbs.logits;
+  back.frame = lbs.frame;
+  back.canonical = at;
+  back.d_logits = skinning_tape_->output_gradient();
+  JacobianArgs result;
+  result.range = rows.range;
+  result.frame = lbs.frame;
+  result.transforms = transforms_.slice();
+  result.jacobians = jacobians_.slice();
+  for (uint32_t i = 0; i < 3; ++i) {
+    back.component = i;
+    record_lbs_backward(commands, back);
+    DenseNetwork::Backward through;
+    through.weight_gradients = false;
+    through.input_gradient = true;
+    through.input_gradient_result = {skinning_gradients_[i].slice(), channel_padding, 0};
+    network.record_backward(commands, *skinning_tape_, rows.range, through);
+    result.gradients[i] = through.input_gradient_result;
+  }
+  record_jacobian(commands, result);
+}
+
+void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing) {
+  record_sphere_start(commands, {{rays, {}}, {}}, tracing);
+  record_compaction(commands, {{rays, {}}, {}}, active_, in_box_);
+  Queue* from = &in_box_;
+  int next = 0;
+  for (uint32_t iteration = 0, batch = first_look; iteration < trace_iterations; batch = look_every) {
+    for (const uint32_t end = std::min(iteration + batch, trace_iterations); iteration < end; ++iteration) {
+      const Rows rows = rows_of(rays, *from);
+      NearestVertexArgs nearest;
+      nearest.rows = rows;
+      nearest.frame = frame.constants();
+      nearest.posed = posed_.slice();
+      nearest.target = frame.vertices();
+      nearest.canonical = starts_.slice();
+      nearest.nearest = nearest_.slice();
+      record_nearest_vertex(commands, nearest);
+      record_sdf(commands, frame, rows, starts_.slice(), false);
+      SphereStepArgs step;
+      step.rows = rows;
+      step.tracing = tracing;
+      step.sdf = sdf_tape_->sdf();
+      record_sphere_step(commands, step);
+      record_compaction(commands, rows, active_, queues_[next]);
+      from = &queues_[next];
+      next = 1 - next;
+    }
+    commands.submit_and_wait();
+    if (length(*from) == 0) break;
+  }
+}
+
+void SurfaceFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Queue& start, const RootFindingSettings& settings) {
+  Rows rows = rows_of(rays, start);
+  record_sdf(commands, frame, rows, starts_.slice(), true);
+  record_skinning(commands, frame, rows, starts_.slice(), true);
+  BroydenStartArgs first;
+  first.rows = rows;
+  first.state = state_;
+  first.frame = frame.constants();
+  first.starts = starts_.slice();
+  first.posed = skinned_.slice();
+  first.transforms = transforms_.slice();
+  first.surface = {ray_list, sdf_tape_->sdf()};
+  first.depths = trace_.slice();
+  first.sdf_gradients = sdf_tape_->gradient();
+  first.jacobians = jacobians_.slice();
+  first.active = active_.slice();
+  first.max_iterations = settings.max_iterations;
+  record_broyden_start(commands, first);
+  int next = &start == &queues_[0] ? 1 : 0;
+  Queue* from = &queues_[next];
+  record_compaction(commands, rows, active_, *from);
+
+  for (uint32_t iteration = 0, batch = first_look; iteration < settings.max_iterations; batch = look_every) {
+    for (const uint32_t end = std::min(iteration + batch, settings.max_iterations); iteration < end; ++iteration) {
+      rows = rows_of(rays, *from);
+      record_sdf(commands, frame, rows, state_.iterates(), false);
+      record_skinning(commands, frame, rows, state_.iterates(), false);
+      BroydenStepArgs step;
+      step.rows = rows;
+      step.state = state_;
+      step.frame = frame.constants();
+      step.posed = skinned_.slice();
+      step.surface = {ray_list, sdf_tape_->sdf()};
+      step.active = active_.slice();
+      step.max_iterations = settings.max_iterations;
+      step.tolerance = settings.tolerance;
+      record_broyden_step(commands, step);
+      next = 1 - next;
+      record_compaction(commands, rows, active_, queues_[next]);
+      from = &queues_[next];
+    }
+    commands.submit_and_wait();
+    if (length(*from) == 0) break;
+  }
+
+  BroydenFinishArgs finish;
+  finish.points = rays;
+  finish.state = state_;
+  finish.rays = ray_list;
+  finish.canonical = canonical_.slice();
+  finish.depth = depths_.slice();
+  finish.counts = search_counts_.slice();
+  commands.fill(search_counts_.slice(), 0);
+  record_broyden_finish(commands, finish);
+  commands.submit_and_wait();
+  shared::SearchCounts counts{};
+  device_.download(search_counts_.slice(), &counts, sizeof counts);
+  counts_.rays += counts.converged + counts.diverged + counts.exhausted;
+  counts_.steps += counts.steps;
+  counts_.hits += counts.hits;
+}
+
+void SurfaceFinder::find(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Candidates candidates, const RootFindingSettings& settings) {
+  if (rays > capacity_) throw std::invalid_argument(fmt::format("surface search of {} rays in room for {}", rays, capacity_));
+  SphereTracing tracing;
+  tracing.frame = frame.constants();
+  tracing.rays = ray_list;
+  tracing.trace = trace_.slice();
+  tracing.posed = posed_.slice();
+  tracing.candidates = candidates_.slice();
+  tracing.active = active_.slice();
+  trace(commands, frame, rays, tracing);
+  if (networks_.spec().skinning.kind != Skinning::network) {
+    AcceptTracedArgs accept;
+    accept.rays = rays;
+    accept.trace = trace_.slice();
+    accept.ends = starts_.slice();
+    accept.canonical = canonical_.slice();
+    accept.depths = depths_.slice();
+    record_accept_traced(commands, accept);
+    return;
+  }
+  if (candidates == Candidates::in_box) return search(commands, frame, rays, ray_list, in_box_, settings);
+  record_compaction(commands, {{rays, {}}, {}}, candidates_, queues_[0]);
+  search(commands, frame, rays, ray_list, queues_[0], settings);
+}
+
+}  // namespace arah
