@@ -47,9 +47,10 @@ void TrainingProgress::show(const RunEvent& event) {
       break;
     case RunEvent::Kind::step: {
       last_ = event.step;
-      const double rate = event.seconds_per_step > 0 ? 1 / event.seconds_per_step : 0;
-      steps_->update(event.fraction, fmt::format("step {}  {:.1f} steps/s  loss {:.4f}  colour {:.4f}", last_.step, rate,
-                                                 last_.total, last_.color));
+      const std::string rate =
+          event.seconds_per_step > 0 ? fmt::format("  {:.1f} steps/s", 1 / event.seconds_per_step) : "";
+      steps_->update(event.fraction, fmt::format("step {}{}  loss {:.4f}  colour {:.4f}", last_.step, rate, last_.total,
+                                                 last_.color));
       break;
     }
     case RunEvent::Kind::checkpoint:

@@ -107,7 +107,17 @@ class TrainingRun {
     folder_.log(event.dump());
   }
 
+  // One picture of each camera, so that a wrong size or kind is known before the fit and not after.
+  void check_pictures() const {
+    for (std::size_t camera = 0; camera < capture_.cameras.size(); ++camera) {
+      if (capture_.cameras[camera].role != "train") continue;
+      const std::vector<int> frames = frames_with_images(capture_, "train", camera);
+      if (!frames.empty()) load_image(capture_, "train", camera, frames.front(), settings_.size);
+    }
+  }
+
   RunResult fresh() {
+    check_pictures();
     Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
     RunEvent event;
     try {

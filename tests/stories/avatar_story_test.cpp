@@ -1,0 +1,231 @@
+// From nothing to figures, as a user goes: synth, inspect, train, interrupt, resume, render, evaluate; and what the
+// program says when something is wrong with the call.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <thread>
+
+#include "host/avatar/avatar_file.h"
+#include "host/training/run_folder.h"
+#include "tests/host/body/rigs.h"
+#include "tests/stories/program.h"
+
+namespace arah {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr int kSize = 64, kFrames = 6;
+
+class Stories : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    const Outcome made = arah({"synth", capture(), "--frames", std::to_string(kFrames), "--size", std::to_string(kSize)});
+    ASSERT_EQ(made.code, 0) << made.errors;
+  }
+  static void TearDownTestSuite() {
+    delete folder_;
+    folder_ = nullptr;
+  }
+
+  static std::string at(const std::string& name) { return (*folder_ / name).string(); }
+  static std::string capture() { return at("capture"); }
+  static Outcome arah(const std::vector<std::string>& words) { return Program(words, folder_->path()).wait(); }
+  // A short start: these tests are about the run, not the avatar.
+  static std::vector<std::string> training(const std::string& run, std::vector<std::string> more) {
+    more.insert(more.begin(),
+                {"train", capture(), "-o", at(run), "--set", "fit_steps=60", "--set", "fit_skinning_steps=30"});
+    return more;
+  }
+  static std::vector<std::string> names(const fs::path& folder) {
+    std::vector<std::string> found;
+    for (const auto& entry : fs::recursive_directory_iterator(folder)) found.push_back(entry.path().filename().string());
+    return found;
+  }
+  // A copy of the capture to spoil.
+  static fs::path spoiled(const std::string& name) {
+    const fs::path copy = at(name);
+    fs::remove_all(copy);
+    fs::copy(capture(), copy, fs::copy_options::recursive);
+    return copy;
+  }
+  static void change_json(const fs::path& path, const std::function<void(nlohmann::json&)>& change) {
+    nlohmann::json json = nlohmann::json::parse(read_all(path));
+    change(json);
+    std::ofstream(path) << json;
+  }
+  // `arah train` must refuse the capture: code 2, one line that names all of `parts`, and no run left behind.
+  static void expect_refused(const fs::path& bad, const std::vector<std::string>& parts) {
+    const Outcome outcome = arah({"train", bad.string(), "-o", at("refused"), "--steps", "2"});
+    EXPECT_EQ(outcome.code, 2) << outcome.errors;
+    const std::size_t line = outcome.errors.find("arah: ");
+    ASSERT_NE(line, std::string::npos) << outcome.errors;
+    EXPECT_EQ(outcome.errors.find('\n', line), outcome.errors.size() - 1) << outcome.errors;
+    for (const std::string& part : parts) EXPECT_THAT(outcome.errors.substr(line), HasSubstr(part));
+    EXPECT_FALSE(fs::exists(at("refused"))) << "what a refused call left behind";
+  }
+
+ private:
+  static TemporaryFolder* folder_;
+};
+
+TemporaryFolder* Stories::folder_ = nullptr;
+
+TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
+  const Outcome inspected = arah({"inspect", capture()});
+  EXPECT_EQ(inspected.code, 0) << inspected.errors;
+
+  const Outcome whole = arah(training("whole", {"--steps", "6"}));
+  ASSERT_EQ(whole.code, 0) << whole.errors;
+  EXPECT_THAT(whole.errors, HasSubstr("because"));  // the choice of parts, with reasons
+  const Outcome first = arah(training("parts", {"--steps", "6", "--stop-at", "3"}));
+  EXPECT_EQ(first.code, 1);
+  EXPECT_THAT(first.errors, HasSubstr("stopped at step 3; continue with --resume"));
+  ASSERT_EQ(load_avatar(at("parts/avatar.safetensors")).steps, 3u);
+  EXPECT_NE(read_all(at("parts/avatar.safetensors")), read_all(at("whole/avatar.safetensors")));
+
+  // A killed process leaves half a line of events and half a checkpoint: neither may matter.
+  std::ofstream(at("parts/events.jsonl"), std::ios::app) << "{\"event\": \"st";
+  std::ofstream(at("parts/checkpoints/step_00000004.safetensors")) << "half";
+  const Outcome again = arah({"train", capture(), "-o", at("parts"), "--resume"});
+  ASSERT_EQ(again.code, 0) << again.errors;
+  EXPECT_THAT(again.errors, HasSubstr("at step 3"));
+  EXPECT_EQ(read_all(at("parts/avatar.safetensors")), read_all(at("whole/avatar.safetensors")));
+  std::ifstream events(at("parts/events.jsonl"));
+  int starts = 0, ends = 0;
+  for (std::string line; std::getline(events, line);) {
+    const auto event = nlohmann::json::parse(line);
+    starts += event["event"] == "start";
+    ends += event["event"] == "end";
+  }
+  EXPECT_EQ(starts, 2);
+  EXPECT_EQ(ends, 2);
+
+  // The folder is taken, and other settings than the run's are no continuation.
+  const Outcome taken = arah({"train", capture(), "-o", at("parts"), "--steps", "1"});
+  EXPECT_EQ(taken.code, 2);
+  EXPECT_THAT(taken.errors, HasSubstr("--resume"));
+  const Outcome other = arah({"train", capture(), "-o", at("parts"), "--resume", "--seed", "5"});
+  EXPECT_EQ(other.code, 2);
+  EXPECT_THAT(other.errors, HasSubstr("settings.seed"));
+  const fs::path moved = spoiled("other");
+  change_json(moved / "cameras.json", [](auto& json) { json["cameras"][0]["T"][0] = 0.5; });
+  const Outcome elsewhere = arah({"train", moved.string(), "-o", at("parts"), "--resume"});
+  EXPECT_EQ(elsewhere.code, 2);
+  EXPECT_THAT(elsewhere.errors, HasSubstr("capture_fingerprint"));
+
+  // The avatar of a few steps has the template's shape: it can be seen and measured.
+  const Outcome rendered = arah({"render", at("whole"), "-o", at("view.png"), "--size", "70", "--layers", "color,depth,normal"});
+  ASSERT_EQ(rendered.code, 0) << rendered.errors;
+  const cv::Mat color = cv::imread(at("view.png"), cv::IMREAD_UNCHANGED), depth = cv::imread(at("view_depth.png"), cv::IMREAD_UNCHANGED);
+  ASSERT_EQ(color.type(), CV_8UC4);
+  ASSERT_EQ(depth.type(), CV_16UC1);
+  ASSERT_EQ(color.size(), cv::Size(70, 70));
+  EXPECT_TRUE(fs::exists(at("view_normal.png")));
+  EXPECT_EQ(color.at<cv::Vec4b>(0, 0)[3], 0);
+  EXPECT_EQ(depth.at<uint16_t>(0, 0), 0);
+  EXPECT_GT(color.at<cv::Vec4b>(26, 35)[3], 200);       // the chest, a little above the middle
+  EXPECT_NEAR(depth.at<uint16_t>(26, 35), 4500, 2500);  // millimetres, a person's whole height in 30°
+  const Outcome posed = arah({"render", at("whole"), "-o", at("posed"), "--capture", capture(), "--camera", "cam_05", "--frame", "3"});
+  ASSERT_EQ(posed.code, 0) << posed.errors;
+  EXPECT_EQ(cv::imread(at("posed/color.png"), cv::IMREAD_UNCHANGED).size(), cv::Size(kSize, kSize));
+
+  const Outcome measured = arah({"evaluate", at("whole"), capture(), "-o", at("figures"), "--cameras", "cam_04,cam_06"});
+  ASSERT_EQ(measured.code, 0) << measured.errors;
+  const auto metrics = nlohmann::json::parse(read_all(at("figures/metrics.json")));
+  ASSERT_EQ(metrics["images"].size(), 2u);  // frame 0 alone has pictures of held-out cameras
+  EXPECT_EQ(metrics["images"][1]["camera"], "cam_06");
+  EXPECT_GT(metrics["mean"]["psnr"].get<double>(), 5.0);
+  EXPECT_LT(metrics["mean"]["psnr"].get<double>(), 40.0);
+  EXPECT_GT(metrics["root_finding"]["points"].get<int>(), 1000);
+  EXPECT_THAT(read_all(at("figures/report.html")), HasSubstr("cam_06"));
+}
+
+TEST_F(Stories, CtrlCKeepsWhatWasLearned) {
+  Program program(training("stopped", {"--minutes", "30"}), at(""));
+  const RunFolder folder(at("stopped"));
+  for (int i = 0; i < 3000 && program.running() && logged_steps(folder).empty(); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  program.signal(SIGINT);
+  const Outcome outcome = program.wait();
+  EXPECT_EQ(outcome.code, 1);
+  EXPECT_THAT(outcome.errors, HasSubstr("continue with --resume"));
+  const Avatar avatar = load_avatar(folder.avatar_file());
+  EXPECT_GE(avatar.steps, 1u);
+  const auto checkpoint = folder.newest_checkpoint();
+  ASSERT_TRUE(checkpoint.has_value());
+  EXPECT_EQ(avatar_from_tensors(*checkpoint).steps, avatar.steps);
+  for (const std::string& name : names(at("stopped"))) EXPECT_THAT(name, Not(HasSubstr(".part")));
+}
+
+TEST_F(Stories, CtrlCDuringTheFitLeavesNothing) {
+  Program program({"train", capture(), "-o", at("early")}, at(""));
+  for (int i = 0; i < 3000 && program.running() && !fs::exists(at("early/events.jsonl")); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  program.signal(SIGINT);
+  const Outcome outcome = program.wait();
+  EXPECT_EQ(outcome.code, 1);
+  EXPECT_THAT(outcome.errors, HasSubstr("nothing was kept"));
+  EXPECT_FALSE(fs::exists(at("early")));
+}
+
+TEST_F(Stories, WhatIsWrongIsNamedInOneLine) {
+  expect_refused(at("nowhere"), {"nowhere"});
+
+  const fs::path turned = spoiled("turned");
+  change_json(turned / "cameras.json", [](auto& json) { json["cameras"][1]["R"][0][0] = 2.0; });
+  expect_refused(turned, {"cameras.json", "cam_01", "R"});
+
+  const fs::path nan = spoiled("nan");
+  std::string motion = read_all(nan / "motion_train.json");
+  const std::size_t theta = motion.find("[[", motion.find("\"theta\""));
+  ASSERT_NE(theta, std::string::npos);
+  motion.replace(theta + 2, motion.find(',', theta) - theta - 2, "NaN");
+  std::ofstream(nan / "motion_train.json") << motion;
+  expect_refused(nan, {"motion_train.json"});
+
+  const fs::path joint = spoiled("joint");
+  change_json(joint / "motion_train.json", [](auto& json) { json["joint_names"][3] = "tail"; });
+  expect_refused(joint, {"motion_train.json", "tail"});
+
+  const fs::path small = spoiled("small");
+  const fs::path picture = small / "images/train/cam_02/000000.png";
+  ASSERT_TRUE(cv::imwrite(picture.string(), cv::Mat(kSize / 2, kSize, CV_8UC4, cv::Scalar(9, 8, 7, 255))));
+  expect_refused(small, {"cam_02/000000.png", "64"});
+
+  const fs::path truncated = spoiled("truncated");
+  const fs::path cut = truncated / "images/train/cam_03/000000.png";
+  fs::resize_file(cut, fs::file_size(cut) / 2);
+  expect_refused(truncated, {"cam_03/000000.png"});
+}
+
+TEST_F(Stories, WrongCallsAreExplained) {
+  for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
+           {"train", capture(), "-o", at("x"), "--size", "65"},
+           {"train", capture(), "-o", at("x"), "--set", "rays"},
+           {"train", capture(), "-o", at("x"), "--set", "sdf.speed=1"},
+           {"train", capture(), "-o", at("x"), "--steps", "1", "--minutes", "1"},
+           {"train", capture(), "-o", at("x"), "--resume"},
+           {"render", at("x"), "-o", at("y.png")},
+           {"evaluate", at("x"), capture(), "-o", at("y")},
+           {"demo", capture()}}) {
+    const Outcome outcome = arah(words);
+    EXPECT_EQ(outcome.code, 2) << words[0] << ": " << outcome.errors;
+    EXPECT_THAT(outcome.errors, HasSubstr("arah: "));
+    EXPECT_FALSE(fs::exists(at("x")) || fs::exists(at("y")) || fs::exists(at("y.png")));
+  }
+  for (const char* word : {"bench", "demo", "devices", "evaluate", "inspect", "render", "synth", "train"}) {
+    const Outcome help = arah({word, "--help"});
+    EXPECT_EQ(help.code, 0);
+    EXPECT_THAT(help.output, HasSubstr(std::string("Example: arah ") + word));
+  }
+}
+
+}  // namespace
+}  // namespace arah
