@@ -1,0 +1,93 @@
+// Both ways of sampling rays show the same body, with every kind of skinning.
+#include <gtest/gtest.h>
+
+#include "host/rendering/renderer.h"
+#include "tests/host/rendering/capsule_scene.h"
+
+namespace arah {
+namespace {
+
+class SamplingModes : public DeviceTest {
+ protected:
+  Picture render(const Avatar& avatar, SamplingMode mode, bool normals = false) {
+    RenderSettings settings;
+    settings.sampling.mode = mode;
+    settings.sampling.samples = 64;
+    settings.normals = normals;
+    Renderer renderer(device, avatar, settings);
+    return renderer.render(capsule_camera(45, 53), bent_pose(avatar.body.skeleton), 0);
+  }
+};
+
+struct Agreement {
+  double overlap = 0;  // intersection over union of the silhouettes, Σ w > ½
+  double depth = 0;    // mean difference in both, metres
+  size_t pixels = 0;   // in both
+};
+
+Agreement compare(const char* what, const Picture& a, const Picture& b) {
+  size_t both = 0, either = 0;
+  double depth = 0;
+  for (size_t i = 0; i < a.alpha.size(); ++i) {
+    const bool in_a = a.alpha[i] > 0.5f, in_b = b.alpha[i] > 0.5f;
+    both += in_a && in_b, either += in_a || in_b;
+    if (in_a && in_b) depth += std::abs(a.depth[i] - b.depth[i]);
+  }
+  const Agreement result{double(both) / double(either), depth / double(both), both};
+  std::printf("  %-50s overlap %.4f, depths differ by %.2f mm over %zu pixels\n", what, result.overlap, 1000 * result.depth, both);
+  return result;
+}
+
+TEST_F(SamplingModes, ShowTheSameBody) {
+  const Avatar avatar = capsule_avatar(device, small_paper_spec());
+  const Picture shell = render(avatar, SamplingMode::shell), surface = render(avatar, SamplingMode::surface, true);
+  const Agreement modes = compare("network, shell and surface", shell, surface);
+  EXPECT_GT(modes.pixels, 300u);
+  EXPECT_GT(modes.overlap, 0.98);
+  EXPECT_LT(modes.depth, 0.004);  // the samples about the surface are 6.25 mm apart
+  double colors = 0;
+  for (size_t i = 0; i < shell.alpha.size(); ++i)
+    if (shell.alpha[i] > 0.99f && surface.alpha[i] > 0.99f)
+      for (size_t c = 0; c < 3; ++c) colors = std::max<double>(colors, std::abs(shell.color[3 * i + c] - surface.color[3 * i + c]));
+  std::printf("  largest difference of a colour inside %.4f\n", colors);
+  EXPECT_LT(colors, 0.05);
+  // Normals of what is seen are of unit length and face the camera, which stands towards +z.
+  for (size_t i = 0; i < surface.alpha.size(); ++i) {
+    if (surface.alpha[i] < 0.99f) continue;
+    const glm::vec3 n(surface.normal[3 * i], surface.normal[3 * i + 1], surface.normal[3 * i + 2]);
+    EXPECT_GT(glm::length(n), 0.9f) << i;
+    EXPECT_LT(glm::length(n), 1.01f) << i;
+    EXPECT_GT(n.z, -0.2f) << i;
+  }
+
+  // The template's own weights in the network's place move the body almost alike.
+  AvatarSpec spec = avatar.spec;
+  spec.skinning = {Skinning::template_weights, 0, 0};
+  const Pose pose = bent_pose(avatar.body.skeleton);
+  Avatar by_template = make_avatar(spec, avatar.body, {0, 7}, 5, &pose);
+  for (const TensorSlot& slot : by_template.layout.slots) {
+    const std::span<const float> from = avatar.tensor(slot.name);
+    std::copy(from.begin(), from.end(), by_template.tensor(slot.name).begin());
+  }
+  const Picture template_shell = render(by_template, SamplingMode::shell, true), template_surface = render(by_template, SamplingMode::surface);
+  const Agreement template_modes = compare("template weights, shell and surface", template_shell, template_surface);
+  EXPECT_GT(template_modes.overlap, 0.98);
+  EXPECT_LT(template_modes.depth, 0.004);
+  const Agreement skinnings = compare("shell, network and template weights", shell, template_shell);
+  EXPECT_GT(skinnings.overlap, 0.95);
+  EXPECT_LT(skinnings.depth, 0.01);
+}
+
+TEST_F(SamplingModes, ShowABodyThatNeverMoves) {
+  AvatarSpec spec = small_paper_spec();
+  spec.skinning = {Skinning::none, 0, 0};
+  const Avatar avatar = capsule_avatar(device, spec);
+  const Picture shell = render(avatar, SamplingMode::shell, true), surface = render(avatar, SamplingMode::surface);
+  const Agreement modes = compare("no skinning, shell and surface", shell, surface);
+  EXPECT_GT(modes.pixels, 300u);
+  EXPECT_GT(modes.overlap, 0.98);
+  EXPECT_LT(modes.depth, 0.004);
+}
+
+}  // namespace
+}  // namespace arah
