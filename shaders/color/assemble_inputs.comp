@@ -9,6 +9,7 @@
 
 #include "lib/color_row.glsl"
 #include "lib/row_access.glsl"
+#include "lib/sine.glsl"
 #include "shared/frame.h"
 
 layout(local_size_x = 64) in;
@@ -44,7 +45,8 @@ void write_head(int point, int feature_base, int row_base) {
     const vec3 v = -imageLoad(rays, 2 * (point / int(samples_per_ray)) + 1).xyz;
     [[unroll]] for (int i = 0; i < 3; ++i) head[VIEW_AT + i] = v[i];
     [[unroll]] for (int octave = 0; octave < OCTAVES; ++octave) {
-      const vec3 s = sin(float(1 << octave) * v), c = cos(float(1 << octave) * v);
+      vec4 c;
+      const vec4 s = sine(vec4(float(1 << octave) * v, 0), c);
       [[unroll]] for (int i = 0; i < 3; ++i) {
         head[VIEW_AT + 3 + 6 * octave + i] = s[i];
         head[VIEW_AT + 6 + 6 * octave + i] = c[i];

@@ -3,13 +3,17 @@
 #ifndef ARAH_LIB_ACTIVATION_GLSL
 #define ARAH_LIB_ACTIVATION_GLSL
 
+#include "lib/sine.glsl"
+
 const int ACTIVATION_NONE = 0, ACTIVATION_RELU = 1, ACTIVATION_LEAKY_RELU = 2, ACTIVATION_SOFTPLUS = 3, ACTIVATION_SINE = 4,
           ACTIVATION_SIGMOID = 5;
 const float LEAKY_SLOPE = 0.2;
 const float SOFTPLUS_BETA = 100.0;
 const float SOFTPLUS_LINEAR_ABOVE = 20.0;  // of beta · x, as PyTorch does
 
-vec4 activate(int activation, vec4 x) {
+// cosine: of x, where the activation is the sine; else 0.
+vec4 activate(int activation, vec4 x, out vec4 cosine) {
+  cosine = vec4(0);
   switch (activation) {
     case ACTIVATION_RELU: return max(x, vec4(0));
     case ACTIVATION_LEAKY_RELU: return max(x, LEAKY_SLOPE * x);
@@ -19,7 +23,7 @@ vec4 activate(int activation, vec4 x) {
       const vec4 soft = (max(t, vec4(0)) + log(1.0 + exp(-abs(t)))) * (1.0 / SOFTPLUS_BETA);
       return mix(soft, x, greaterThan(t, vec4(SOFTPLUS_LINEAR_ABOVE)));
     }
-    case ACTIVATION_SINE: return sin(x);
+    case ACTIVATION_SINE: return sine(x, cosine);
     case ACTIVATION_SIGMOID: {
       // e^−|x| never overflows; for x < 0 sigmoid(x) = e^x / (1 + e^x)
       const vec4 e = exp(-abs(x));

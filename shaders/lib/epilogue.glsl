@@ -45,10 +45,7 @@ u64vec4 packed(vec4 low, vec4 high) {
 
 vec4 finish(int point, int texel, vec4 a, out vec4 second) {
   second = vec4(0);
-  if (MODE == MODE_ACTIVATION) {
-    if (HAS_SECOND != 0) second = cos(a);
-    return activate(ACTIVATION, a);
-  }
+  if (MODE == MODE_ACTIVATION) return activate(ACTIVATION, a, second);
   vec4 derivative = vec4(1);
   if (ACTIVATION != ACTIVATION_NONE)
     derivative = derivative_from_stored(ACTIVATION, imageLoad(stored, point * int(stored_stride) + int(stored_column) + texel));
