@@ -214,8 +214,8 @@ class Bench {
     const FeatureGridShape shape{{-1, -1, -1}, {1, 1, 1}, 2, {{{64, 64, 64}, {32, 32, 32}}}};
     Buffer positions = filled("points", uint64_t(points) * 4), features = filled("features", shape.feature_count()),
            rows = filled("rows", uint64_t(points) * 8);
-    Buffer sums = filled("sums", shape.feature_count()), gradient = filled("gradient", shape.feature_count());
-    Buffer clamped = filled("clamped", 1), d_position = filled("d position", uint64_t(points) * 4);
+    Buffer sums = filled("sums", shape.feature_count()), clamped = filled("clamped", 1),
+           d_position = filled("d position", uint64_t(points) * 4);
     const Matrix row_matrix{rows.slice(), 8, 0};
     const std::string text = fmt::format("{} x 2 grids", points);
     measure("feature grid", text, [&] {
@@ -225,9 +225,6 @@ class Bench {
       record_feature_grid_backward(
           commands_, {shape, points, points, 1024, positions.slice(), features.slice(), row_matrix, 0, sums.slice(),
                       clamped.slice(), PositionGradient::assign, d_position.slice(), 1});
-    });
-    measure("feature grid collect", fmt::format("{} nodes", shape.node_count()), [&] {
-      record_feature_grid_collect(commands_, {shape, 1024, sums.slice(), gradient.slice()});
     });
   }
 

@@ -138,26 +138,4 @@ void record_feature_grid_backward(Commands& commands, const FeatureGridBackwardA
   commands.dispatch(launch);
 }
 
-void record_feature_grid_collect(Commands& commands, const FeatureGridCollectArgs& args) {
-  check_shape(args.shape);
-  check_scale(args.scale);
-  const uint32_t nodes = static_cast<uint32_t>(args.shape.node_count());
-  struct {
-    uint32_t nodes;
-    float inverse_scale;
-  } const constants{nodes, 1 / args.scale};
-
-  Launch launch;
-  launch.pipeline = &commands.device().pipeline("color/feature_grid_collect");
-  launch.name = "feature grid collect";
-  const uint32_t groups = (nodes + workgroup - 1) / workgroup,
-                 across = std::min(groups, commands.device().report().max_workgroups_x);
-  launch.groups = {across, (groups + across - 1) / across, 1};
-  launch.bindings = {{args.sums, nodes * uint64_t(16)}, {args.gradient, nodes * uint64_t(16)}};
-  launch.push_constants = &constants;
-  launch.push_constant_bytes = sizeof(constants);
-  launch.cost = {8.0 * nodes, 64.0 * nodes};
-  commands.dispatch(launch);
-}
-
 }  // namespace arah

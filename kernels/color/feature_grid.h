@@ -49,8 +49,8 @@ enum class PositionGradient { none, assign, add };
 struct FeatureGridBackwardArgs {
   FeatureGridShape shape;
   uint32_t points = 0;             // exactly these contribute; padding rows do not
-  uint32_t max_contributions = 0;  // points of all launches between two collects
-  float scale = 0;                 // > 0, finite; the same in all launches between two collects
+  uint32_t max_contributions = 0;  // points of all launches since the sums were zero
+  float scale = 0;                 // > 0, finite; the same in all launches since the sums were zero
   BufferSlice positions;           // vec4 [padded points]
   BufferSlice features;            // float [feature_count()]
   Matrix d_rows;                   // [points][…]
@@ -62,14 +62,5 @@ struct FeatureGridBackwardArgs {
   float position_factor = 1;  // 1 / cube_scale turns a gradient per metre into one per cube unit
 };
 void record_feature_grid_backward(Commands& commands, const FeatureGridBackwardArgs& args);
-
-// gradient += sums / scale, and sums = 0.
-struct FeatureGridCollectArgs {
-  FeatureGridShape shape;
-  float scale = 0;       // that of the backward launches
-  BufferSlice sums;      // int32 [feature_count()]
-  BufferSlice gradient;  // float [feature_count()]: a slice of the parameters' gradient
-};
-void record_feature_grid_collect(Commands& commands, const FeatureGridCollectArgs& args);
 
 }  // namespace arah

@@ -1,9 +1,26 @@
 #include "kernels/rays/shell_bins.h"
 
+#include <limits>
+#include <stdexcept>
+#include <string>
+
 #include "kernels/linear/matrix.h"
 #include "shaders/shared/rays.h"
 
 namespace arah {
+
+uint32_t node_count(const ShellGrid& grid) {
+  uint64_t count = 1;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    if (grid.nodes[axis] < 2)
+      throw std::invalid_argument(std::string("a shell grid has ") + std::to_string(grid.nodes[axis]) +
+                                  " nodes along " + "xyz"[axis] + ", it needs at least 2");
+    count *= grid.nodes[axis];
+    if (count > std::numeric_limits<int32_t>::max())
+      throw std::invalid_argument("a shell grid of more than 2^31 - 1 nodes");
+  }
+  return static_cast<uint32_t>(count);
+}
 
 void record_shell_bins(Commands& commands, const ShellBinsArgs& args) {
   const uint32_t padded = padded_points(args.count);

@@ -14,7 +14,8 @@ layout(push_constant) uniform Constants {
 
 void main() {
   const uint i = gl_GlobalInvocationID.x;
+  const uint own = min(i, texels - 1);  // the last workgroup reads no further than the buffer
   vec4 sum = vec4(0);
-  for (uint split = 0; split < splits; ++split) sum += imageLoad(partial_sums, int(split * split_stride + i));
+  for (uint split = 0; split < splits; ++split) sum += imageLoad(partial_sums, int(split * split_stride + own));
   if (i < texels) total[i] = ACCUMULATE != 0 ? total[i] + sum : sum;
 }

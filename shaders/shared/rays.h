@@ -19,11 +19,6 @@ struct GenerateConstants {
   uint count;    // rays
 };
 
-struct ShellDistanceConstants {
-  ShellGrid grid;
-  uint vertices;
-};
-
 struct ShellBinsConstants {
   ShellGrid grid;
   vec3 root_translation;  // metres, world
@@ -34,7 +29,6 @@ struct ShellBinsConstants {
 
 #ifdef __cplusplus
 static_assert(sizeof(GenerateConstants) == 104 && offsetof(GenerateConstants, box_minimum) == 64);
-static_assert(sizeof(ShellDistanceConstants) == 32);
 static_assert(sizeof(ShellBinsConstants) == 52 && offsetof(ShellBinsConstants, outer) == 40);
 }  // namespace arah::shared
 #endif
