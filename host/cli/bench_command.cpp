@@ -29,15 +29,16 @@ void add_bench_command(CLI::App& program, Run& run) {
       Device device(options->device);
       Progress progress("bench", 1.0, "");
       progress.say("kernels");
-      const BenchResult kernels =
-          run_bench(device, {}, [&](const BenchLine& line) { progress.say(fmt::format("  {} {}", line.name, line.shape)); });
+      const BenchResult kernels = run_bench(
+          device, {}, [&](const BenchLine& line) { progress.say(fmt::format("  {} {}", line.name, line.shape)); });
       progress.say("training step");
       const TrainingBench training = run_training_bench(device);
       progress.finish();
       fmt::print("{}\n{}", bench_table(kernels), training_bench_table(training));
       if (!options->json.empty()) {
-        const nlohmann::ordered_json json{{"kernels", nlohmann::ordered_json::parse(bench_json(kernels))},
-                                          {"training_step", nlohmann::ordered_json::parse(training_bench_json(training))}};
+        const nlohmann::ordered_json json{
+            {"kernels", nlohmann::ordered_json::parse(bench_json(kernels))},
+            {"training_step", nlohmann::ordered_json::parse(training_bench_json(training))}};
         write_file_safely(options->json, json.dump(1) + "\n");
       }
       return 0;

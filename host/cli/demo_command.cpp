@@ -52,7 +52,8 @@ void prepare(const Options& options) {
                      "Choose another name.");
   if (ours && read_json(marker) == nlohmann::json::parse(marker_text(options))) return;
   if (ours)
-    for (const char* part : {"capture", "run", "turntable.png", "metrics_views.json", "metrics_motion.json", "report.html"})
+    for (const char* part :
+         {"capture", "run", "turntable.png", "metrics_views.json", "metrics_motion.json", "report.html"})
       fs::remove_all(options.out / part);
   write_file_safely(marker, marker_text(options));
 }
@@ -113,9 +114,8 @@ ReportRow turntable(Device& device, const Avatar& avatar, const Capture& capture
   std::vector<float> strip(3 * side * side * kTurntableViews);
   for (int view = 0; view < kTurntableViews; ++view) {
     const double degrees = 360.0 * view / kTurntableViews;
-    const Picture picture =
-        renderer.render(orbit_camera(vertices, UpAxis::z, degrees, size), frame.pose,
-                        avatar.spec.latent_size > 0 ? latent_row(avatar, frame.number) : 0);
+    const Picture picture = renderer.render(orbit_camera(vertices, UpAxis::z, degrees, size), frame.pose,
+                                            avatar.spec.latent_size > 0 ? latent_row(avatar, frame.number) : 0);
     row.images.push_back({fmt::format("{:g}°", degrees), encode_png(picture.color, size, size, 3)});
     for (std::size_t y = 0; y < side; ++y)
       std::copy_n(&picture.color[3 * side * y], 3 * side,

@@ -25,6 +25,8 @@ Interrupt::~Interrupt() {
   std::signal(SIGTERM, SIG_DFL);
 }
 
-bool Interrupt::wanted() const { return noted != 0; }
+bool Interrupt::wanted() const {
+  return noted != 0;
+}
 
 }  // namespace arah

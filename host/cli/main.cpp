@@ -35,13 +35,14 @@ int main(int argc, char** argv) {
   CLI::App program("Animatable avatars from video: capture, train, render, measure.", "arah");
   program.set_version_flag("--version", std::string("arah ") + arah::kVersion);
   program.require_subcommand(1);
-  program.footer("Example: arah synth capture && arah train capture -o run && arah render run -o front.png\n"
-                 "`arah WORD --help` says more about each word.");
+  program.footer(
+      "Example: arah synth capture && arah train capture -o run && arah render run -o front.png\n"
+      "`arah WORD --help` says more about each word.");
 
   arah::Run run;
-  for (const auto add : {arah::add_demo_command, arah::add_synth_command, arah::add_inspect_command,
-                         arah::add_train_command, arah::add_render_command, arah::add_evaluate_command,
-                         arah::add_bench_command, arah::add_devices_command})
+  for (const auto add :
+       {arah::add_demo_command, arah::add_synth_command, arah::add_inspect_command, arah::add_train_command,
+        arah::add_render_command, arah::add_evaluate_command, arah::add_bench_command, arah::add_devices_command})
     add(program, run);
 
   try {

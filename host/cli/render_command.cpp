@@ -44,8 +44,9 @@ Pose pose_of(const CanonicalPose& canonical, const Skeleton& skeleton) {
     const glm::dmat3 rotation(canonical.rest_to_canonical[j]);
     const int parent = skeleton.parents[j];
     pose.theta[j] = axis_angle_from_rotation(
-        parent < 0 ? rotation
-                   : glm::transpose(glm::dmat3(canonical.rest_to_canonical[static_cast<std::size_t>(parent)])) * rotation);
+        parent < 0
+            ? rotation
+            : glm::transpose(glm::dmat3(canonical.rest_to_canonical[static_cast<std::size_t>(parent)])) * rotation);
   }
   return pose;
 }
@@ -53,8 +54,9 @@ Pose pose_of(const CanonicalPose& canonical, const Skeleton& skeleton) {
 const MotionFrame& chosen_frame(const Motion& motion, const std::optional<int>& number, const std::string& where) {
   if (!number) return motion.frames.front();
   if (const MotionFrame* frame = find_frame(motion, *number)) return *frame;
-  throw InputError(where, "frame", fmt::format("one of {} frames, {} to {}", motion.frames.size(),
-                                               motion.frames.front().number, motion.frames.back().number),
+  throw InputError(where, "frame",
+                   fmt::format("one of {} frames, {} to {}", motion.frames.size(), motion.frames.front().number,
+                               motion.frames.back().number),
                    fmt::format("{}", *number));
 }
 
@@ -67,7 +69,8 @@ View chosen_view(const Options& options, const Avatar& avatar) {
     const Capture capture = open_capture(options.capture);
     const Motion motion =
         adapt_motion(motion_of(capture, options.split), avatar.body.skeleton, options.capture.string());
-    const MotionFrame& frame = chosen_frame(motion, options.frame, fmt::format("{}: split {}", options.capture.string(), options.split));
+    const MotionFrame& frame =
+        chosen_frame(motion, options.frame, fmt::format("{}: split {}", options.capture.string(), options.split));
     view.pose = frame.pose;
     if (options.split == "train") frame_number = frame.number;
     if (!options.camera.empty()) {
@@ -76,7 +79,8 @@ View chosen_view(const Options& options, const Avatar& avatar) {
     }
   } else if (!options.motion.empty()) {
     const std::string where = options.motion.string();
-    view.pose = chosen_frame(adapt_motion(read_motion(options.motion), avatar.body.skeleton, where), options.frame, where).pose;
+    view.pose =
+        chosen_frame(adapt_motion(read_motion(options.motion), avatar.body.skeleton, where), options.frame, where).pose;
   } else if (avatar.spec.skinning.kind == Skinning::none) {
     view.pose = pose_of(avatar.canonical, avatar.body.skeleton);
   } else {
@@ -126,8 +130,7 @@ std::vector<fs::path> layer_files(const Options& options) {
 }
 
 int render(const Options& options) {
-  if (options.capture.empty() && !options.camera.empty())
-    throw InputError("--camera", "", "--capture with it", "none");
+  if (options.capture.empty() && !options.camera.empty()) throw InputError("--camera", "", "--capture with it", "none");
   if (options.capture.empty() && options.motion.empty() && options.frame)
     throw InputError("--frame", "", "--capture or --motion with it", "neither");
   const Avatar avatar = load_avatar(avatar_file(options.avatar));
@@ -162,12 +165,17 @@ void add_render_command(CLI::App& program, Run& run) {
                    "color.png, depth.png, normal.png")
       ->required();
   CLI::Option* capture = command->add_option("--capture", options->capture, "take the pose of a capture's frame");
-  command->add_option("--split", options->split, "of the capture: train, novel, ...")->capture_default_str()->needs(capture);
+  command->add_option("--split", options->split, "of the capture: train, novel, ...")
+      ->capture_default_str()
+      ->needs(capture);
   CLI::Option* camera =
       command->add_option("--camera", options->camera, "of the capture; without it the camera circles the body");
-  command->add_option("--motion", options->motion, "take the pose of a frame of this motion_<split>.json")->excludes(capture);
+  command->add_option("--motion", options->motion, "take the pose of a frame of this motion_<split>.json")
+      ->excludes(capture);
   command->add_option("--frame", options->frame, "number of the capture's or the motion's frame (default: the first)");
-  command->add_option("--orbit", options->orbit, "place of the circling camera, degrees; 0 is in front of a person at rest")
+  command
+      ->add_option("--orbit", options->orbit,
+                   "place of the circling camera, degrees; 0 is in front of a person at rest")
       ->check(CLI::Range(-1e6, 1e6))
       ->capture_default_str()
       ->excludes(camera);

@@ -109,11 +109,10 @@ void add_train_command(CLI::App& program, Run& run) {
       ->check(CLI::IsMember(preset_names()));
   command->add_option("--size", options->size, "columns that pictures are reduced to (default: as they are)")
       ->check(CLI::Range(1, 8192));
-  CLI::Option* minutes =
-      command
-          ->add_option("--minutes", options->minutes,
-                       "time in all, the start included (default: the preset's: 10, 30 or 600)")
-          ->check(CLI::Range(0.0, 1e6));
+  CLI::Option* minutes = command
+                             ->add_option("--minutes", options->minutes,
+                                          "time in all, the start included (default: the preset's: 10, 30 or 600)")
+                             ->check(CLI::Range(0.0, 1e6));
   command->add_option("--steps", options->steps, "steps instead of minutes")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
       ->excludes(minutes);

@@ -12,7 +12,8 @@ constexpr int kMemoryLines = 3;
 // "memory: 214.3 MB, of which 94.2 MB training: first moments, 47.1 MB ..."
 std::string memory_text(const Device& device) {
   std::istringstream table(device.memory_table());
-  std::string text = fmt::format("memory: {:.1f} MB on the device", static_cast<double>(device.allocated_bytes()) * 1e-6);
+  std::string text =
+      fmt::format("memory: {:.1f} MB on the device", static_cast<double>(device.allocated_bytes()) * 1e-6);
   std::string line;
   for (int i = 0; i < kMemoryLines && std::getline(table, line); ++i) {
     double megabytes = 0;
@@ -49,8 +50,8 @@ void TrainingProgress::show(const RunEvent& event) {
       last_ = event.step;
       const std::string rate =
           event.seconds_per_step > 0 ? fmt::format("  {:.1f} steps/s", 1 / event.seconds_per_step) : "";
-      steps_->update(event.fraction, fmt::format("step {}{}  loss {:.4f}  colour {:.4f}", last_.step, rate, last_.total,
-                                                 last_.color));
+      steps_->update(event.fraction,
+                     fmt::format("step {}{}  loss {:.4f}  colour {:.4f}", last_.step, rate, last_.total, last_.color));
       break;
     }
     case RunEvent::Kind::checkpoint:
@@ -60,7 +61,8 @@ void TrainingProgress::show(const RunEvent& event) {
 }
 
 void TrainingProgress::finish(const RunResult& result) {
-  if (steps_) steps_->finish(fmt::format("{} steps  loss {:.4f}  {}", result.steps, last_.total, result.avatar.string()));
+  if (steps_)
+    steps_->finish(fmt::format("{} steps  loss {:.4f}  {}", result.steps, last_.total, result.avatar.string()));
 }
 
 }  // namespace arah

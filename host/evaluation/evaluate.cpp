@@ -193,9 +193,10 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
     report.summary += (report.summary.empty() ? "" : ". ") + describe(evaluation);
     report.facts.emplace_back(
         "root finding, split " + evaluation.settings.split,
-        fmt::format("{} searches, {:.2f} % converged, {} diverged, {} out of steps", counts.points,
-                    100.0 * static_cast<double>(counts.converged) / static_cast<double>(std::max<uint64_t>(counts.points, 1)),
-                    counts.diverged, counts.exhausted));
+        fmt::format(
+            "{} searches, {:.2f} % converged, {} diverged, {} out of steps", counts.points,
+            100.0 * static_cast<double>(counts.converged) / static_cast<double>(std::max<uint64_t>(counts.points, 1)),
+            counts.diverged, counts.exhausted));
     std::move(evaluation.rows.begin(), evaluation.rows.end(), std::back_inserter(report.rows));
   }
   return report;
@@ -203,7 +204,8 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
 
 std::string describe(const Evaluation& evaluation) {
   return fmt::format("split {}, cameras {}: PSNR {}, SSIM {} ({} pictures)", evaluation.settings.split,
-                     evaluation.settings.cameras, evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
+                     evaluation.settings.cameras,
+                     evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
                      evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined", evaluation.rows.size());
 }
 

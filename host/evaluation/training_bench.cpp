@@ -93,9 +93,9 @@ TrainingBench run_training_bench(Device& device, const TrainingBenchSettings& se
 }
 
 std::string training_bench_table(const TrainingBench& bench) {
-  std::string text = fmt::format("training step, preset {}, {} rays x {} samples: median {:.1f} ms, mean {:.1f} ms\n",
-                                 bench.preset, bench.rays, bench.samples, bench.median_milliseconds,
-                                 bench.mean_milliseconds);
+  std::string text =
+      fmt::format("training step, preset {}, {} rays x {} samples: median {:.1f} ms, mean {:.1f} ms\n", bench.preset,
+                  bench.rays, bench.samples, bench.median_milliseconds, bench.mean_milliseconds);
   if (bench.profiled == 0) return text + "the device has no timestamps: no times by stage\n";
   text += fmt::format("{:<48}{:>10}{:>12}{:>10}{:>9}\n", fmt::format("stage, of {} steps", bench.profiled),
                       "calls/step", "ms/step", "GFLOP/s", "GB/s");

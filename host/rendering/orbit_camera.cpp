@@ -46,7 +46,8 @@ Camera orbit_camera(std::span<const glm::vec3> vertices, UpAxis up, double degre
 
   const double angle = degrees * std::numbers::pi / 180.0;
   const glm::dvec3 away = std::cos(angle) * front + std::sin(angle) * glm::cross(axis, front);
-  const glm::dvec3 forward = -away, right = glm::normalize(glm::cross(forward, axis)), down = glm::cross(forward, right);
+  const glm::dvec3 forward = -away, right = glm::normalize(glm::cross(forward, axis)),
+                   down = glm::cross(forward, right);
   Camera camera;
   camera.name = fmt::format("orbit_{:g}", degrees);
   camera.width = camera.height = size;

@@ -78,7 +78,8 @@ void require_equal(const std::string& where, const std::string& part, const std:
 std::string capture_fingerprint(const Capture& capture) {
   uint64_t hash = 0xcbf29ce484222325ull;
   const auto add = [&](const void* data, std::size_t size) {
-    for (std::size_t i = 0; i < size; ++i) hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 0x100000001b3ull;
+    for (std::size_t i = 0; i < size; ++i)
+      hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 0x100000001b3ull;
   };
   for (const char* name : {"cameras.json", "motion_train.json", "template.glb"}) {
     const std::string bytes = read_text(capture.path / name);
@@ -109,8 +110,8 @@ void RunFolder::create(const RunConfig& config) {
 RunConfig RunFolder::read_config() const {
   const std::string where = config_file().string();
   if (!fs::is_regular_file(config_file()))
-    throw InputError(path_.string(), "", "a run's folder with config.json", fs::exists(path_) ? "none" : "no such folder",
-                     "arah train without --resume begins a run.");
+    throw InputError(path_.string(), "", "a run's folder with config.json",
+                     fs::exists(path_) ? "none" : "no such folder", "arah train without --resume begins a run.");
   const nlohmann::json json = read_json(config_file());
   const auto text = [&](const char* name) {
     const nlohmann::json& value = json_member(json, name, where, "");
@@ -156,8 +157,7 @@ void RunFolder::log(const std::string& json) const {
   std::ofstream file(events_file(), std::ios::app | std::ios::binary);
   file << json << '\n' << std::flush;
   if (!file)
-    throw std::runtime_error(
-        fmt::format("{}: could not be written: {}", events_file().string(), std::strerror(errno)));
+    throw std::runtime_error(fmt::format("{}: could not be written: {}", events_file().string(), std::strerror(errno)));
 }
 
 std::vector<fs::path> RunFolder::checkpoint_files() const {

@@ -20,7 +20,9 @@ using nlohmann::ordered_json;
 constexpr double kLogInterval = 2.0;  // seconds between "step" lines
 constexpr const char* kSecondsKey = "training.seconds";
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
 
 // Seconds that a step takes. The first steps make pipelines, and any step may read a picture for the first time, so an
 // estimate that trusted them would hurry the schedule.
@@ -53,18 +55,31 @@ class Pace {
 };
 
 ordered_json step_json(const StepReport& r) {
-  return {{"event", "step"},         {"step", r.step},         {"total", r.total},
-          {"color", r.color},        {"alpha", r.alpha},       {"eikonal", r.eikonal},
-          {"inside", r.inside},      {"skinning", r.skinning}, {"off_surface", r.off_surface},
-          {"sdf_norm", r.sdf_norm},  {"b", r.b},               {"converged", r.converged}};
+  return {{"event", "step"},
+          {"step", r.step},
+          {"total", r.total},
+          {"color", r.color},
+          {"alpha", r.alpha},
+          {"eikonal", r.eikonal},
+          {"inside", r.inside},
+          {"skinning", r.skinning},
+          {"off_surface", r.off_surface},
+          {"sdf_norm", r.sdf_norm},
+          {"b", r.b},
+          {"converged", r.converged}};
 }
 
 class TrainingRun {
  public:
   TrainingRun(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
               const std::function<bool(const RunEvent&)>& listen)
-      : device_(device), capture_(capture), settings_(config.settings), config_(config), options_(options),
-        listen_(listen), folder_(options.folder) {}
+      : device_(device),
+        capture_(capture),
+        settings_(config.settings),
+        config_(config),
+        options_(options),
+        listen_(listen),
+        folder_(options.folder) {}
 
   RunResult run() {
     std::optional<SafetensorsFile> saved;
@@ -76,8 +91,11 @@ class TrainingRun {
       folder_.create(config_);
     }
     try {
-      log({{"event", "start"}, {"device", device_.report().name}, {"driver", device_.report().driver},
-           {"version", kVersion}, {"resumed", saved.has_value()}});
+      log({{"event", "start"},
+           {"device", device_.report().name},
+           {"driver", device_.report().driver},
+           {"version", kVersion},
+           {"resumed", saved.has_value()}});
       return saved ? resumed(*saved) : fresh();
     } catch (...) {
       if (!options_.resume && !stepped_) folder_.discard();
@@ -158,17 +176,24 @@ class TrainingRun {
   }
 
   double fraction(const Trainer& trainer) const {
-    const double part = settings_.steps > 0 ? double(trainer.steps_done()) / double(settings_.steps) : seconds() / budget();
+    const double part =
+        settings_.steps > 0 ? double(trainer.steps_done()) / double(settings_.steps) : seconds() / budget();
     return std::clamp(part, 0.0, 1.0);
   }
 
   void save(Trainer& trainer) {
+    // Kernels read |b|, so training may let b change its sign; an avatar's file holds it above 0. The optimiser's own
+    // copy in the checkpoint keeps its sign.
+    Avatar avatar = trainer.avatar();
+    float& b = avatar.tensor("b")[0];
+    b = std::abs(b);
     SafetensorsFile file = trainer.checkpoint();
+    file.tensors["b"] = Tensor::from<float>({1}, std::vector<float>{b});
     file.metadata[kSecondsKey] = fmt::format("{:.3f}", seconds());
     RunEvent event;
     event.kind = RunEvent::Kind::checkpoint;
     event.file = folder_.save_checkpoint(trainer.steps_done(), file);
-    save_avatar(folder_.avatar_file(), trainer.avatar());
+    save_avatar(folder_.avatar_file(), avatar);
     event.step.step = trainer.steps_done();
     event.fraction = fraction(trainer);
     log({{"event", "checkpoint"}, {"step", trainer.steps_done()}, {"file", event.file.filename().string()}});

@@ -39,9 +39,9 @@ struct RunEvent {
 };
 
 struct RunResult {
-  bool stopped = false;  // before the end
-  uint64_t steps = 0;    // in all
-  double seconds = 0;    // in all
+  bool stopped = false;          // before the end
+  uint64_t steps = 0;            // in all
+  double seconds = 0;            // in all
   std::filesystem::path avatar;  // empty where the run was stopped in its template fit
 };
 

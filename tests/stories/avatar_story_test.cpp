@@ -26,7 +26,8 @@ class Stories : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
-    const Outcome made = arah({"synth", capture(), "--frames", std::to_string(kFrames), "--size", std::to_string(kSize)});
+    const Outcome made =
+        arah({"synth", capture(), "--frames", std::to_string(kFrames), "--size", std::to_string(kSize)});
     ASSERT_EQ(made.code, 0) << made.errors;
   }
   static void TearDownTestSuite() {
@@ -45,7 +46,8 @@ class Stories : public testing::Test {
   }
   static std::vector<std::string> names(const fs::path& folder) {
     std::vector<std::string> found;
-    for (const auto& entry : fs::recursive_directory_iterator(folder)) found.push_back(entry.path().filename().string());
+    for (const auto& entry : fs::recursive_directory_iterator(folder))
+      found.push_back(entry.path().filename().string());
     return found;
   }
   // A copy of the capture to spoil.
@@ -121,9 +123,11 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_THAT(elsewhere.errors, HasSubstr("capture_fingerprint"));
 
   // The avatar of a few steps has the template's shape: it can be seen and measured.
-  const Outcome rendered = arah({"render", at("whole"), "-o", at("view.png"), "--size", "70", "--layers", "color,depth,normal"});
+  const Outcome rendered =
+      arah({"render", at("whole"), "-o", at("view.png"), "--size", "70", "--layers", "color,depth,normal"});
   ASSERT_EQ(rendered.code, 0) << rendered.errors;
-  const cv::Mat color = cv::imread(at("view.png"), cv::IMREAD_UNCHANGED), depth = cv::imread(at("view_depth.png"), cv::IMREAD_UNCHANGED);
+  const cv::Mat color = cv::imread(at("view.png"), cv::IMREAD_UNCHANGED),
+                depth = cv::imread(at("view_depth.png"), cv::IMREAD_UNCHANGED);
   ASSERT_EQ(color.type(), CV_8UC4);
   ASSERT_EQ(depth.type(), CV_16UC1);
   ASSERT_EQ(color.size(), cv::Size(70, 70));
@@ -132,11 +136,13 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_EQ(depth.at<uint16_t>(0, 0), 0);
   EXPECT_GT(color.at<cv::Vec4b>(26, 35)[3], 200);       // the chest, a little above the middle
   EXPECT_NEAR(depth.at<uint16_t>(26, 35), 4500, 2500);  // millimetres, a person's whole height in 30°
-  const Outcome posed = arah({"render", at("whole"), "-o", at("posed"), "--capture", capture(), "--camera", "cam_05", "--frame", "3"});
+  const Outcome posed =
+      arah({"render", at("whole"), "-o", at("posed"), "--capture", capture(), "--camera", "cam_05", "--frame", "3"});
   ASSERT_EQ(posed.code, 0) << posed.errors;
   EXPECT_EQ(cv::imread(at("posed/color.png"), cv::IMREAD_UNCHANGED).size(), cv::Size(kSize, kSize));
 
-  const Outcome measured = arah({"evaluate", at("whole"), capture(), "-o", at("figures"), "--cameras", "cam_04,cam_06"});
+  const Outcome measured =
+      arah({"evaluate", at("whole"), capture(), "-o", at("figures"), "--cameras", "cam_04,cam_06"});
   ASSERT_EQ(measured.code, 0) << measured.errors;
   const auto metrics = nlohmann::json::parse(read_all(at("figures/metrics.json")));
   ASSERT_EQ(metrics["images"].size(), 2u);  // frame 0 alone has pictures of held-out cameras
@@ -206,15 +212,15 @@ TEST_F(Stories, WhatIsWrongIsNamedInOneLine) {
 }
 
 TEST_F(Stories, WrongCallsAreExplained) {
-  for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
-           {"train", capture(), "-o", at("x"), "--size", "65"},
-           {"train", capture(), "-o", at("x"), "--set", "rays"},
-           {"train", capture(), "-o", at("x"), "--set", "sdf.speed=1"},
-           {"train", capture(), "-o", at("x"), "--steps", "1", "--minutes", "1"},
-           {"train", capture(), "-o", at("x"), "--resume"},
-           {"render", at("x"), "-o", at("y.png")},
-           {"evaluate", at("x"), capture(), "-o", at("y")},
-           {"demo", capture()}}) {
+  for (const std::vector<std::string>& words :
+       std::vector<std::vector<std::string>>{{"train", capture(), "-o", at("x"), "--size", "65"},
+                                             {"train", capture(), "-o", at("x"), "--set", "rays"},
+                                             {"train", capture(), "-o", at("x"), "--set", "sdf.speed=1"},
+                                             {"train", capture(), "-o", at("x"), "--steps", "1", "--minutes", "1"},
+                                             {"train", capture(), "-o", at("x"), "--resume"},
+                                             {"render", at("x"), "-o", at("y.png")},
+                                             {"evaluate", at("x"), capture(), "-o", at("y")},
+                                             {"demo", capture()}}) {
     const Outcome outcome = arah(words);
     EXPECT_EQ(outcome.code, 2) << words[0] << ": " << outcome.errors;
     EXPECT_THAT(outcome.errors, HasSubstr("arah: "));
