@@ -33,7 +33,7 @@ struct TrainingSettings {
   double color_weight = 30, alpha_weight = 1;
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
   uint32_t eikonal_points = 256, off_surface_points = 128, inside_points = 128, skinning_points = 256;
-  uint32_t skinning_every = 4;  // steps: the skinning network learns from colours and from the template every so often; 0: never
+  uint32_t skinning_every = 8;  // steps: the skinning network learns from colours and from the template every so often; 0: never
 
   GroupSettings sdf, mapping, skinning, color, latent, deviation, grid;
   double end_fraction = 0.03;     // of each rate, at the end
