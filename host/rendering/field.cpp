@@ -64,6 +64,7 @@ void Field::record_backward(Commands& commands, const Inputs& in, const Backward
   const PointRange range{in.rows, {}};
   DenseNetwork::Backward color;
   color.input_gradient = true;
+  color.accumulate = options.accumulate;
   color.scratch = scratch_.slice();
   networks_.color().record_backward(commands, *color_tape_, range, color);
 
@@ -99,6 +100,7 @@ void Field::record_backward(Commands& commands, const Inputs& in, const Backward
   Siren::Backward sdf;
   sdf.feature = rows.row.feature_channels > 0;
   sdf.gradient = rows.row.normal;
+  sdf.accumulate = options.accumulate;
   sdf.input_gradient = options.position;
   sdf.scratch = scratch_.slice();
   networks_.sdf().record_backward(commands, *sdf_tape_, range, sdf);

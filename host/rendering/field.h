@@ -30,8 +30,10 @@ class Field {
   Matrix d_sdf() { return sdf_tape_->sdf_cotangent(); }  // the caller writes dL/df and dL/drgb here …
   Matrix d_rgb() { return color_tape_->output_gradient(); }
 
-  // … and gets effective weight gradients (=) of both networks, grid sums (+=), and where asked for position_gradient().
+  // … and gets effective weight gradients (=, or += with accumulate) of both networks, grid sums (+=), and where asked for
+  // position_gradient().
   struct Backward {
+    bool accumulate = false;
     bool position = false;
     float grid_scale = 0;     // of the fixed-point sums: FeatureGridBackwardArgs::scale
     BufferSlice grid_sums;    // int32 by feature; with a grid

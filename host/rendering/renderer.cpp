@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "kernels/color/posed_normals.h"
@@ -11,23 +12,33 @@ namespace arah {
 namespace {
 
 // Rays whose activations fit the memory: floats a sample of the fields' tapes and of the root search.
-uint32_t rays_at_a_time(const AvatarSpec& spec, const RenderSettings& settings) {
+uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memory_bytes) {
   const double sdf = 4.0 * spec.sdf.sine_layers * spec.sdf.width;
   const double color = double(spec.color.hidden_layers + 2) * spec.color.width;
   const double skinning = double(spec.skinning.hidden_layers + 1) * spec.skinning.width;
-  const double bytes_a_ray = 4.0 * settings.sampling.samples * (sdf + color + skinning + 120);
+  const double bytes_a_ray = 4.0 * samples * (sdf + color + skinning + 120);
   // no more than 65,536 rows, so that a matrix of 512 channels still fits the 128 MiB that every device binds at once
-  const uint32_t most = 65536 / settings.sampling.samples / 64 * 64;
-  return std::clamp(static_cast<uint32_t>(double(settings.memory_bytes) / bytes_a_ray) / 64 * 64, 64u, std::max(64u, most));
+  const uint32_t most = 65536 / samples / 64 * 64;
+  return std::clamp(static_cast<uint32_t>(double(memory_bytes) / bytes_a_ray) / 64 * 64, 64u, std::max(64u, most));
 }
 
 }  // namespace
 
+SamplingSettings picture_sampling(const Avatar& avatar) {
+  SamplingSettings sampling;
+  sampling.samples = 32;
+  const nlohmann::json trained = nlohmann::json::parse(avatar.settings, nullptr, false);
+  if (!trained.is_object() || trained.value("sampling_mode", nlohmann::json()) != to_string(SamplingMode::surface)) return sampling;
+  sampling.mode = SamplingMode::surface;
+  sampling.samples = 64;
+  return sampling;
+}
+
 Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings)
-    : device_(device), avatar_(avatar), settings_(settings), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
-  const uint32_t rays = rays_at_a_time(avatar.spec, settings), rows = rays * settings.sampling.samples;
-  samples_.emplace(device, networks_, rays, settings.sampling);
-  field_.emplace(device, networks_, rows, settings.sampling.samples, false);
+    : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
+  const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes), rows = rays * sampling_.samples;
+  samples_.emplace(device, networks_, rays, sampling_);
+  field_.emplace(device, networks_, rows, sampling_.samples, false);
   auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, std::string("picture: ") + what, bytes, BufferPlace::device); };
   colors_ = make("colours", rays * 16ull);
   ray_depths_ = make("depths", rays * 4ull);
@@ -40,7 +51,7 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
 }
 
 Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
-  FrameOnDevice frame(device_, avatar_, body_, pose, settings_.sampling.shell);
+  FrameOnDevice frame(device_, avatar_, body_, pose, sampling_.shell);
   networks_.record_pack(commands_, latent_row);
   commands_.submit_and_wait();
 

@@ -10,8 +10,12 @@
 
 namespace arah {
 
+// How pictures of an avatar are sampled: 64 samples in the paper's places where it was trained so (`sampling_mode` of its
+// settings), else 32 in the template's shell.
+SamplingSettings picture_sampling(const Avatar& avatar);
+
 struct RenderSettings {
-  SamplingSettings sampling{.mode = SamplingMode::shell, .samples = 32, .shell = {}, .root = {}};
+  std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
   bool normals = false;
   uint64_t memory_bytes = 600'000'000;  // of activations: decides how many rays are rendered at a time
 };
@@ -41,6 +45,7 @@ class Renderer {
   Device& device_;
   const Avatar& avatar_;
   RenderSettings settings_;
+  SamplingSettings sampling_;
   AvatarNetworks networks_;
   TemplateOnDevice body_;
   std::optional<RaySamples> samples_;

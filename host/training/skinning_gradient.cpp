@@ -32,7 +32,7 @@ uint64_t SkinningGradient::scratch_floats() const {
   return std::max(networks_.skinning().weight_gradient_scratch(rows_tape_.capacity()), networks_.skinning().weight_gradient_scratch(points_tape_.capacity()));
 }
 
-void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, const BufferSlice& scratch) {
+void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch) {
   const Rows all{{rows, {}}, {}};
   DenseNetwork& network = networks_.skinning();
   record_normalise_inputs(commands, {all, frame.constants(), canonical, rows_tape_.input()});
@@ -76,6 +76,7 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   back.cotangents = cotangents_.slice();
   record_lbs_backward(commands, back);
   DenseNetwork::Backward weights;
+  weights.accumulate = accumulate;
   weights.scratch = scratch;
   network.record_backward(commands, rows_tape_, all.range, weights);
 }

@@ -17,8 +17,9 @@ class SkinningGradient {
   SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points);
   uint64_t scratch_floats() const;
 
-  // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=).
-  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, const BufferSlice& scratch);
+  // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=, or += with
+  // accumulate).
+  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch);
 
   // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
   void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);

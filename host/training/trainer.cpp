@@ -37,6 +37,20 @@ std::mt19937_64 step_generator(uint64_t seed, uint64_t step, uint64_t stream) {
   return std::mt19937_64(sequence);
 }
 
+// Rays of a step that go forward and back together, a multiple of 64 unless all do; gradients of several passes add up.
+// Unless stated, what a pass keeps is to fit eight times the most that the device binds at once (a CPU device: 1 GiB).
+uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings) {
+  if (settings.rays_at_a_time) return std::min(padded_points(settings.rays_at_a_time), settings.rays);
+  const uint64_t widest = std::max<uint64_t>(512, color_widths(spec).front() + spec.color.narrow);
+  const uint64_t sdf = uint64_t(spec.sdf.sine_layers) * spec.sdf.width * (spec.color.normal ? 7 : 4);
+  const uint64_t color = 4 * widest + 2ull * spec.color.hidden_layers * spec.color.width;
+  const uint64_t skinning = 3ull * spec.skinning.hidden_layers * spec.skinning.width;
+  const uint64_t bound = device.report().max_storage_buffer_bytes;
+  const uint64_t rows = std::min(bound / (4 * widest), 8 * bound / (4 * (sdf + color + skinning)));
+  const uint64_t rays = std::max<uint64_t>(rows / settings.sampling.samples / point_padding, 1) * point_padding;
+  return static_cast<uint32_t>(std::min<uint64_t>(rays, settings.rays));
+}
+
 }  // namespace
 
 Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings)
@@ -47,11 +61,12 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       networks_(device, avatar_, true),
       images_(device, avatar_, capture, settings.size, settings.sampling.shell),
       template_samples_(draw_template_samples(avatar_, settings.seed)),
-      samples_(device, networks_, settings.rays, settings.sampling),
-      field_(device, networks_, settings.rays * settings.sampling.samples, settings.sampling.samples, true),
+      pass_rays_(rays_of_a_pass(device, avatar_.spec, settings)),
+      samples_(device, networks_, pass_rays_, settings.sampling),
+      field_(device, networks_, pass_rays_ * settings.sampling.samples, settings.sampling.samples, true),
       eikonal_tape_(device, "eikonal points", networks_.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
       sign_tape_(device, "points inside and outside", networks_.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
-  const uint32_t rays = padded_points(settings.rays), rows = padded_points(settings.rays * settings.sampling.samples);
+  const uint32_t rays = padded_points(pass_rays_), rows = padded_points(pass_rays_ * settings.sampling.samples);
   if (avatar_.spec.skinning.kind == Skinning::network) skinning_.emplace(device, networks_, rows, settings.skinning_points);
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
     Buffer buffer(device, std::string("training: ") + what, bytes, place);
@@ -68,7 +83,7 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
   grid_sums_ = make("sums of the grid's gradient", std::max<uint64_t>(grid_floats * 4, 256));
   grid_clamped_ = make("count of clamped gradients", 4, BufferPlace::shared);
   losses_ = make("losses", loss_slots * 4, BufferPlace::shared);
-  targets_ = make("photographs", rays * 16ull);
+  targets_ = make("photographs", padded_points(settings.rays) * 16ull);
   colors_ = make("colours", rays * 16ull);
   d_colors_ = make("gradient of colours", rays * 16ull);
   ray_depths_ = make("depths", rays * 4ull);
@@ -204,31 +219,15 @@ void Trainer::record_update(Group& group, size_t index) {
   record_adam(commands_, adam);
 }
 
-StepReport Trainer::step(uint64_t steps_left) {
-  const Batch batch = draw_batch();
-  FrameOnDevice& frame = images_.frame(batch.place.frame);
-  const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
-  device_.upload(targets_.slice(), batch.targets);
-  upload_regulariser_points();
-  const bool skinning_step = skinning_ && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
-  if (skinning_step) {
-    std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
-    skinning_->set_surface(template_samples_.surface, generator);
-  }
-
-  // Forward.
-  const uint64_t dense_floats = networks_.layout().group("grid").begin;
-  commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
-  commands_.fill(losses_.slice(), 0);
-  networks_.record_pack(commands_, row);
-  samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), batch.pixels);
-  samples_.root_finder().reset_counts();
-  samples_.place(commands_, frame, settings_.rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), 0});
-  Field::Inputs inputs{frame.constants(), samples_.canonical(), samples_.rays(), samples_.rows(settings_.rays)};
+void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first, bool skinning_step) {
+  const uint32_t rays = std::min(pass_rays_, settings_.rays - first);
+  samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
+  samples_.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
+  Field::Inputs inputs{frame.constants(), samples_.canonical(), samples_.rays(), samples_.rows(rays)};
   if (avatar_.spec.color.normal) inputs.transforms = samples_.root_finder().record_transforms(commands_, frame, inputs.rows, samples_.canonical());
   field_.record_forward(commands_, inputs);
   CompositeForwardArgs composite;
-  composite.samples.rays = settings_.rays;
+  composite.samples.rays = rays;
   composite.samples.samples = samples_.samples();
   composite.samples.sdf = field_.sdf();
   composite.samples.metres_per_unit = static_cast<float>(avatar_.cube.metres_per_unit());
@@ -247,12 +246,12 @@ StepReport Trainer::step(uint64_t steps_left) {
 
   // Losses and the way back.
   ImageLossArgs image;
-  image.rays = settings_.rays;
+  image.rays = rays;
   image.normaliser = float(settings_.rays);
   image.color_weight = static_cast<float>(settings_.color_weight);
   image.alpha_weight = static_cast<float>(settings_.alpha_weight);
   image.colors = colors_.slice();
-  image.targets = targets_.slice();
+  image.targets = targets_.slice().sub(first * 16ull, padded_points(rays) * 16ull);
   image.d_colors = d_colors_.slice();
   image.losses = losses_.slice();
   image.slot = color_slot;
@@ -269,16 +268,35 @@ StepReport Trainer::step(uint64_t steps_left) {
   back.partials = partials_.slice();
   record_composite_backward(commands_, back);
   Field::Backward field_back;
+  field_back.accumulate = first > 0;
   field_back.position = skinning_step;
   field_back.grid_scale = grid_scale(settings_);
   field_back.grid_sums = grid_sums_.slice();
   field_back.grid_clamped = grid_clamped_.slice();
   field_.record_backward(commands_, inputs, field_back);
-  record_regularisers();
+  if (skinning_step) skinning_->record_from_positions(commands_, frame, inputs.rows, samples_.canonical(), field_.position_gradient(), first > 0, scratch_.slice());
+}
+
+StepReport Trainer::step(uint64_t steps_left) {
+  const Batch batch = draw_batch();
+  FrameOnDevice& frame = images_.frame(batch.place.frame);
+  const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
+  device_.upload(targets_.slice(), batch.targets);
+  upload_regulariser_points();
+  const bool skinning_step = skinning_ && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
-    skinning_->record_from_positions(commands_, frame, inputs.rows, samples_.canonical(), field_.position_gradient(), scratch_.slice());
-    skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
+    std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
+    skinning_->set_surface(template_samples_.surface, generator);
   }
+
+  const uint64_t dense_floats = networks_.layout().group("grid").begin;
+  commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
+  commands_.fill(losses_.slice(), 0);
+  networks_.record_pack(commands_, row);
+  samples_.root_finder().reset_counts();
+  for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, first, skinning_step);
+  record_regularisers();
+  if (skinning_step) skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
   networks_.record_unpack(commands_, row, {true, skinning_step, true}, scratch_.slice());
   for (size_t g = 0; g < groups_.size(); ++g)
     if (groups_[g].begin < groups_[g].end && (groups_[g].name != "skinning" || skinning_step)) record_update(groups_[g], g);

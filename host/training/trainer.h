@@ -63,6 +63,9 @@ class Trainer {
   };
   Batch draw_batch();
   void upload_regulariser_points();
+  // Losses and gradients of at most pass_rays_ of the batch's rays, from `first` on: losses and raw gradients +=, effective
+  // weight gradients = in the first pass and += in the others. Submits, and leaves the last launches recorded.
+  void run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first, bool skinning_step);
   void record_regularisers();
   void record_update(Group& group, size_t index);
 
@@ -73,6 +76,7 @@ class Trainer {
   AvatarNetworks networks_;
   TrainingImages images_;
   TemplateSamples template_samples_;
+  uint32_t pass_rays_;
   RaySamples samples_;
   Field field_;
   SirenTape eikonal_tape_, sign_tape_;

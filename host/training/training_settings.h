@@ -27,6 +27,7 @@ struct TrainingSettings {
   double minutes = 10;  // of wall-clock time in all; read where steps is 0
 
   uint32_t rays = 256;           // a step, of one picture
+  uint32_t rays_at_a_time = 0;   // of them, rounded up to a multiple of 64; 0: as many as the device has room for
   double mask_fraction = 0.6;    // of them on the person, the others in the shell around
   SamplingSettings sampling;
 

@@ -11,8 +11,9 @@ class SamplingModes : public DeviceTest {
  protected:
   Picture render(const Avatar& avatar, SamplingMode mode, bool normals = false) {
     RenderSettings settings;
-    settings.sampling.mode = mode;
-    settings.sampling.samples = 64;
+    settings.sampling.emplace();
+    settings.sampling->mode = mode;
+    settings.sampling->samples = 64;
     settings.normals = normals;
     Renderer renderer(device, avatar, settings);
     return renderer.render(capsule_camera(45, 53), bent_pose(avatar.body.skeleton), 0);
@@ -76,6 +77,17 @@ TEST_F(SamplingModes, ShowTheSameBody) {
   const Agreement skinnings = compare("shell, network and template weights", shell, template_shell);
   EXPECT_GT(skinnings.overlap, 0.95);
   EXPECT_LT(skinnings.depth, 0.01);
+}
+
+TEST_F(SamplingModes, FollowHowTheAvatarWasTrained) {
+  Avatar avatar = make_avatar(small_paper_spec(), capsule_body(), {0}, 1);
+  EXPECT_EQ(picture_sampling(avatar).mode, SamplingMode::shell);
+  avatar.settings = settings_to_json(preset_settings("tiny"));
+  EXPECT_EQ(picture_sampling(avatar).mode, SamplingMode::shell);
+  EXPECT_EQ(picture_sampling(avatar).samples, 32u);
+  avatar.settings = settings_to_json(preset_settings("paper"));
+  EXPECT_EQ(picture_sampling(avatar).mode, SamplingMode::surface);
+  EXPECT_EQ(picture_sampling(avatar).samples, 64u);
 }
 
 TEST_F(SamplingModes, ShowABodyThatNeverMoves) {
