@@ -306,6 +306,7 @@ INSTANTIATE_TEST_SUITE_P(
                     RandomCase{"MappingLike", false, {13, 24, 24, 10}, leaky_relu, none, -1, 0, 1, 1},
                     RandomCase{"ColorLike", true, {19, 24, 13, 24, 3}, relu, sigmoid, 2, 5, 63, 63},
                     RandomCase{"SkipWithoutCode", true, {11, 24, 24, 24, 3}, relu, sigmoid, 2, 0, 65, 130},
+                    RandomCase{"SkipIntoTheSecondLayer", true, {11, 13, 24, 3}, relu, sigmoid, 1, 0, 65, 65},
                     RandomCase{"SkipAtTheEndWithoutGap", false, {29, 24, 13, 3}, relu, none, 2, 5, 1000, 1000},
                     RandomCase{"OneLayerWithCode", true, {10, 3}, relu, sigmoid, -1, 7, 65, 65},
                     RandomCase{"CodeAlone", false, {16, 24, 3}, leaky_relu, sigmoid, -1, 15, 65, 65}),

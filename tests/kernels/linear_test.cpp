@@ -142,7 +142,8 @@ TEST_P(LinearForward, MatchesTheTruth) {
 constexpr ForwardCase forward_cases[] = {
     {"", Activation::none, 8, 8, 1},          {"", Activation::relu, 40, 72, 65},
     {"", Activation::leaky_relu, 24, 16, 64}, {"", Activation::softplus, 16, 24, 63},
-    {"", Activation::sine, 80, 48, 130},      {"", Activation::sigmoid, 8, 8, 1000}};
+    {"", Activation::sine, 80, 48, 130},      {"", Activation::sigmoid, 8, 8, 1000},
+    {"", Activation::none, 32, 128, 65},      {"", Activation::sine, 64, 96, 63}};  // tiles of 64 and of 32
 
 template <typename Case, size_t count>
 std::vector<Case> both_families(const Case (&cases)[count]) {

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "kernels/linear/matrix.h"
+#include "kernels/linear/linear.h"
 #include "kernels/reference/linear.h"
 
 namespace arah {
@@ -21,7 +21,7 @@ struct EffectiveWeights {
 // matrix.
 inline std::vector<float> packed(const std::vector<double>& matrix, const std::vector<double>& first_row, uint32_t rows,
                                  uint32_t columns) {
-  const uint32_t tile = columns % 16 == 0 ? 16 : 8;
+  const uint32_t tile = linear_tile(rows, columns);
   std::vector<float> result;
   for (uint32_t first = 0; first < columns; first += tile) {
     for (uint32_t c = 0; c < tile; ++c) result.push_back(static_cast<float>(first_row[first + c]));
