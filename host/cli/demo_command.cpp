@@ -66,10 +66,21 @@ void make_capture(const Options& options, const fs::path& folder) {
   progress.finish(folder.string());
 }
 
+// Whether the run's settings are ones that this program knows.
+bool can_resume(const fs::path& run) {
+  try {
+    RunFolder(run).read_config();
+    return true;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 void train(Device& device, const Options& options, const Capture& capture, const fs::path& folder) {
   RunOptions run;
   run.folder = folder;
-  run.resume = fs::is_regular_file(folder / "config.json");
+  run.resume = can_resume(folder);
+  if (!run.resume) fs::remove_all(folder);
   TrainingSettings settings = preset_settings("tiny");
   settings.minutes = options.minutes;
   const SpecChoice choice = choose_spec(settings.preset, capture_facts(capture));
