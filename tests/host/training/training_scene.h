@@ -57,7 +57,7 @@ inline TrainingSettings small_settings() {
   settings.skinning_weight = 10;
   settings.eikonal_points = 65;
   settings.off_surface_points = 63;
-  settings.inside_points = 1;
+  settings.inside_points = 33;
   settings.skinning_points = 65;
   settings.skinning_every = 3;
   settings.sdf = {.rate = 2e-4, .freeze = 2, .warm_up = 3, .max_norm = 10};

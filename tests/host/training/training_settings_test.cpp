@@ -27,6 +27,7 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   json object = json::parse(settings_to_json(TrainingSettings{}));
   int next = 1000;
   fill_with_new_values(object, next);
+  object["sampling_mode"] = "surface";  // one of two words; the default is the other
   ASSERT_GT(next, 1070) << "fields";
   const TrainingSettings settings = settings_from_json(object.dump(), "config.json");
   EXPECT_EQ(json::parse(settings_to_json(settings)), object);
@@ -73,6 +74,7 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   expect_refused(with("/minutes", "ten"), "minutes");
   expect_refused(with("/preset", 3), "preset");
   expect_refused(with("/sdf", 1e-4), "sdf");
+  expect_refused(with("/sampling_mode", "anywhere"), "sampling_mode");
   for (const char* field : {"seed", "skinning_every", "grid"}) {
     json shorter = whole;
     shorter.erase(field);
