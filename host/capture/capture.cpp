@@ -18,7 +18,7 @@ std::string joined(const std::vector<std::string>& names) {
 Capture open_capture(const std::filesystem::path& path) {
   if (!std::filesystem::is_directory(path)) {
     throw InputError(path.string(), "", "a capture's folder", "no folder",
-                     "'arah synth' makes a capture, 'arah import' converts one.");
+                     "'arah synth' makes a capture to look at.");
   }
   Capture capture;
   capture.path = path;

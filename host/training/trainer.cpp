@@ -319,6 +319,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.sdf_norm = norms[0].norm;
   const RootFindingCounts counts = samples_.root_finder().counts();
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
+  device_.download(grid_clamped_.slice().elements(0, 1), &report.grid_clamped, 4);
   float b = 0;
   device_.download(networks_.parameter("b").elements(0, 1), &b, 4);
   report.b = std::abs(b);

@@ -26,6 +26,7 @@ struct StepReport {
   double sdf_norm = 0;  // of the sdf group's gradient before clipping
   double b = 0;         // metres
   double converged = 0;  // share of the samples whose correspondence was found
+  uint32_t grid_clamped = 0;  // contributions to the grid's gradient that its fixed-point range cut, since the start
 };
 
 class Trainer {

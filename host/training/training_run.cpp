@@ -66,7 +66,8 @@ ordered_json step_json(const StepReport& r) {
           {"off_surface", r.off_surface},
           {"sdf_norm", r.sdf_norm},
           {"b", r.b},
-          {"converged", r.converged}};
+          {"converged", r.converged},
+          {"grid_clamped", r.grid_clamped}};
 }
 
 class TrainingRun {
