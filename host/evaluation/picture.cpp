@@ -97,8 +97,9 @@ std::vector<float> normals_to_rgb(std::span<const float> normals, int width, int
   check_size(normals.size(), width, height, 3);
   std::vector<float> rgb(normals.size());
   for (std::size_t i = 0; i < rgb.size(); i += 3) {
-    if (normals[i] == 0 && normals[i + 1] == 0 && normals[i + 2] == 0) continue;
-    for (std::size_t c = i; c < i + 3; ++c) rgb[c] = 0.5f * normals[c] + 0.5f;
+    const float length = std::hypot(normals[i], normals[i + 1], normals[i + 2]);
+    const float cover = length < 1 ? length : 1;  // a NaN stays in the normal itself
+    for (std::size_t c = i; c < i + 3; ++c) rgb[c] = 0.5f * normals[c] + 0.5f * cover;
   }
   return rgb;
 }

@@ -20,7 +20,8 @@ std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, i
 std::vector<float> error_map(std::span<const float> rendering, std::span<const float> truth, int width, int height,
                              float gain = 4.0f);
 
-// RGB = normal * 0.5 + 0.5 of `[height][width][3]` unit normals; a zero normal means background and becomes black.
+// RGB = normal * 0.5 + 0.5 of `[height][width][3]` unit normals. Shorter ones, composited over a background of zeros, fade to
+// black: 0.5 (normal + its length).
 std::vector<float> normals_to_rgb(std::span<const float> normals, int width, int height);
 
 // Grey in [0, 1] of `[height][width]` depths in metres: the nearest pixel is 1, the farthest 0.2 (1 where all are
