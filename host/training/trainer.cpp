@@ -332,6 +332,9 @@ StepReport Trainer::step(uint64_t steps_left) {
 Avatar Trainer::avatar() {
   Avatar result = avatar_;
   result.parameters = device_.download<float>((settings_.average_decay > 0 ? averages_.slice() : networks_.parameters()).elements(0, networks_.layout().floats));
+  // Kernels read |b| clipped to [1e-6, 1e6] metres, so training may let b change its sign; an avatar holds it above 0.
+  float& b = result.tensor("b")[0];
+  b = std::max(std::abs(b), 1e-6f);
   result.seed = settings_.seed;
   result.steps = steps_;
   result.settings = settings_to_json(settings_);

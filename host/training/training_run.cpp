@@ -183,18 +183,12 @@ class TrainingRun {
   }
 
   void save(Trainer& trainer) {
-    // Kernels read |b|, so training may let b change its sign; an avatar's file holds it above 0. The optimiser's own
-    // copy in the checkpoint keeps its sign.
-    Avatar avatar = trainer.avatar();
-    float& b = avatar.tensor("b")[0];
-    b = std::abs(b);
     SafetensorsFile file = trainer.checkpoint();
-    file.tensors["b"] = Tensor::from<float>({1}, std::vector<float>{b});
     file.metadata[kSecondsKey] = fmt::format("{:.3f}", seconds());
     RunEvent event;
     event.kind = RunEvent::Kind::checkpoint;
     event.file = folder_.save_checkpoint(trainer.steps_done(), file);
-    save_avatar(folder_.avatar_file(), avatar);
+    save_avatar(folder_.avatar_file(), trainer.avatar());
     event.step.step = trainer.steps_done();
     event.fraction = fraction(trainer);
     log({{"event", "checkpoint"}, {"step", trainer.steps_done()}, {"file", event.file.filename().string()}});
