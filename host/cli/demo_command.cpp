@@ -30,7 +30,7 @@ constexpr int kNovelStep = 3;  // every so-many-th frame of the held-out motion 
 struct Options {
   fs::path out = "arah-demo";
   SyntheticSettings synthetic{.rig = {}, .frames = 30, .size = 256, .seed = 0};
-  double minutes = 8;
+  double minutes = 10;
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
@@ -202,7 +202,7 @@ void add_demo_command(CLI::App& program, Run& run) {
       ->capture_default_str();
   command->add_option("--seed", options->synthetic.seed, "of the person and the motion")->capture_default_str();
   add_device_option(*command, options->device);
-  command->footer("Example: arah demo pictures --minutes 8");
+  command->footer("Example: arah demo pictures --minutes 10");
   command->callback([options, &run] { run = [options] { return demo(*options); }; });
 }
 
