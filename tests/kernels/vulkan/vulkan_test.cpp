@@ -1,0 +1,189 @@
+// The Vulkan layer itself: what a launch refuses, what the SPIR-V says of it, and that memory comes back as it was sent.
+#include <gmock/gmock.h>
+
+#include <cstring>
+
+#include "shaders/embedded.h"
+#include "tests/kernels/device_fixture.h"
+
+namespace arah {
+namespace {
+
+using testing::HasSubstr;
+
+class Vulkan : public DeviceTest {
+ protected:
+  struct Sizes {
+    uint32_t texels, splits, split_stride;
+  };
+
+  // reduction of linear/reduce_partials over 2 splits of 64 texels
+  Launch launch(Buffer& partials, Buffer& total) {
+    sizes_ = {64, 2, 64};
+    Launch launch;
+    launch.pipeline = &device.pipeline("linear/reduce_partials", {0});
+    launch.name = "two splits";
+    launch.bindings = {{partials.slice(), 2 * 64 * 16}, {total.slice(), 64 * 16}};
+    launch.push_constants = &sizes_;
+    launch.push_constant_bytes = sizeof sizes_;
+    return launch;
+  }
+  std::string refusal(const Launch& launch) {
+    try {
+      commands.dispatch(launch);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "accepted";
+  }
+
+ private:
+  Sizes sizes_{};
+};
+
+TEST_F(Vulkan, ALaunchAddsUpWhatWasUploaded) {
+  const std::vector<float> values = uniform(2 * 64 * 4);
+  Buffer partials = filled("partials", values), total = empty("total", 64 * 16);
+  commands.dispatch(launch(partials, total));
+  commands.submit_and_wait();
+  const std::vector<float> sums = device.download<float>(total.slice().elements(0, 256));
+  for (size_t i = 0; i < 256; ++i) ASSERT_EQ(sums[i], values[i] + values[256 + i]) << i;
+}
+
+TEST_F(Vulkan, ALaunchThatDoesNotFitIsRefusedWithBothValues) {
+  Buffer partials = empty("partials", 2 * 64 * 16), total = empty("total", 64 * 16);
+  Launch one_short = launch(partials, total);
+  one_short.bindings.pop_back();
+  EXPECT_THAT(refusal(one_short), AllOf(HasSubstr("two splits"), HasSubstr("takes 2 bindings, 1 given")));
+  Launch small = launch(partials, total);
+  small.bindings[0] = {partials.slice().sub(0, 256), 2 * 64 * 16};
+  EXPECT_THAT(refusal(small), AllOf(HasSubstr("needs 2048 bytes"), HasSubstr("'partials' gives 256")));
+  Launch empty_slice = launch(partials, total);
+  empty_slice.bindings[1] = BufferSlice{};
+  EXPECT_THAT(refusal(empty_slice), HasSubstr("is empty"));
+  Launch crooked = launch(partials, total);
+  crooked.bindings[1] = total.slice().sub(4, 64);
+  EXPECT_THAT(refusal(crooked), HasSubstr("no multiple of"));
+  Launch constants = launch(partials, total);
+  constants.push_constant_bytes = 8;
+  EXPECT_THAT(refusal(constants), HasSubstr("takes 12 bytes of push constants, 8 given"));
+  Launch wide = launch(partials, total);
+  wide.groups = {device.report().max_workgroups_x + 1, 1, 1};
+  EXPECT_THAT(refusal(wide), HasSubstr("workgroups in one dimension"));
+  Launch nothing = launch(partials, total);
+  nothing.pipeline = nullptr;
+  EXPECT_THAT(refusal(nothing), HasSubstr("has no pipeline"));
+}
+
+TEST_F(Vulkan, TheInterfaceIsReadFromTheSpirv) {
+  const ShaderInterface& face = device.pipeline("linear/reduce_partials", {0}).interface;
+  ASSERT_EQ(face.bindings.size(), 2u);
+  EXPECT_EQ(face.bindings[0].type, BindingType::storage_texel_buffer);
+  EXPECT_EQ(face.bindings[1].type, BindingType::storage_buffer);
+  EXPECT_EQ(face.push_constant_bytes, 12u);
+  EXPECT_EQ(face.local_size, (std::array<uint32_t, 3>{64, 1, 1}));
+}
+
+TEST_F(Vulkan, EveryEmbeddedShaderHasAnInterfaceAndCutOnesAreRefused) {
+  for (const EmbeddedShader* shader = embedded_shaders(); shader->name; ++shader) {
+    std::vector<uint32_t> words(static_cast<size_t>(shader->end - shader->begin) / 4);
+    std::memcpy(words.data(), shader->begin, words.size() * 4);
+    EXPECT_FALSE(reflect_spirv(words.data(), words.size()).bindings.empty()) << shader->name;
+    // five words of header, then OpCapability with two: six words end inside it
+    EXPECT_THROW(reflect_spirv(words.data(), 6), std::runtime_error) << shader->name;
+  }
+  const std::vector<uint32_t> noise(16, 0x12345678);
+  EXPECT_THROW(reflect_spirv(noise.data(), noise.size()), std::runtime_error);
+  EXPECT_THROW(reflect_spirv(noise.data(), 2), std::runtime_error);
+}
+
+TEST_F(Vulkan, SlicesStayInsideTheirBuffer) {
+  Buffer buffer = empty("a buffer", 1024);
+  EXPECT_EQ(buffer.slice().sub(256, 768).bytes, 768u);
+  EXPECT_THROW(buffer.slice().sub(256, 769), std::out_of_range);
+  EXPECT_THROW(buffer.slice().sub(1025, 0), std::out_of_range);
+  EXPECT_THROW(buffer.slice().elements(1, ~0ull / 4), std::out_of_range);
+  EXPECT_THROW(device.upload(buffer.slice().sub(0, 4), std::vector<float>(2)), std::out_of_range);
+  EXPECT_THROW(Buffer(device, "nothing", 0, BufferPlace::device), std::invalid_argument);
+}
+
+TEST_F(Vulkan, AnAllocationThatIsTooLargeNamesTheBuffer) {
+  const uint64_t before = device.allocated_bytes();
+  try {
+    Buffer huge(device, "huge", device.report().max_allocation_bytes + 256, BufferPlace::device);
+    FAIL() << "accepted";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("'huge'"));
+  }
+  EXPECT_EQ(device.allocated_bytes(), before);
+}
+
+TEST_F(Vulkan, FillAndCopyAreSeenByWhatFollows) {
+  Buffer a = empty("a", 1024), b = empty("b", 1024);
+  commands.fill(a.slice(), 7);
+  commands.copy(a.slice().sub(0, 512), b.slice().sub(512, 512));
+  commands.fill(b.slice().sub(0, 512), 9);
+  commands.submit_and_wait();
+  const auto words = device.download<uint32_t>(b.slice());
+  EXPECT_EQ(words[0], 9u);
+  EXPECT_EQ(words[127], 9u);
+  EXPECT_EQ(words[128], 7u);
+  EXPECT_THROW(commands.copy(a.slice(), b.slice().sub(0, 4)), std::invalid_argument);
+}
+
+TEST_F(Vulkan, AMovedBufferKeepsItsMemoryAndItsPlaceInTheLedger) {
+  const uint64_t before = device.allocated_bytes();
+  {
+    Buffer first = filled("first", std::vector<float>{1, 2, 3});
+    Buffer second = std::move(first);
+    EXPECT_EQ(device.download<float>(second.slice().elements(0, 3)), (std::vector<float>{1, 2, 3}));
+    EXPECT_THAT(device.memory_table(), HasSubstr("first"));
+  }
+  EXPECT_EQ(device.allocated_bytes(), before);
+}
+
+TEST_F(Vulkan, UnknownShadersAndDevicesAreNamed) {
+  EXPECT_THROW(device.pipeline("linear/no_such_shader"), std::invalid_argument);
+  DeviceOptions options;
+  options.wanted = "no such device";
+  try {
+    Device other(options);
+    FAIL() << "opened";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("no usable Vulkan device"), HasSubstr("not the wanted 'no such device'")));
+  }
+  const std::vector<DeviceReport> reports = survey_devices();
+  ASSERT_FALSE(reports.empty());
+  for (const DeviceReport& report : reports) EXPECT_EQ(report.usable(), report.refusals.empty());
+}
+
+TEST_F(Vulkan, LaunchesAreCountedAndTimedByName) {
+  DeviceOptions options = DeviceOptions::from_environment();
+  options.profile = true;
+  Device timed(options);
+  if (timed.report().timestamp_period_ns <= 0) GTEST_SKIP() << "this device has no timestamps";
+  Commands own(timed);
+  Buffer a(timed, "partials", 2048, BufferPlace::device), b(timed, "total", 1024, BufferPlace::device);
+  const struct {
+    uint32_t texels, splits, split_stride;
+  } sizes{64, 2, 64};
+  for (int i = 0; i < 3; ++i) {
+    Launch launch;
+    launch.pipeline = &timed.pipeline("linear/reduce_partials", {0});
+    launch.name = "three times";
+    launch.bindings = {a.slice(), b.slice()};
+    launch.push_constants = &sizes;
+    launch.push_constant_bytes = sizeof sizes;
+    launch.cost = {100, 200};
+    own.dispatch(launch);
+  }
+  own.submit_and_wait();
+  const LaunchStatistics& statistics = timed.profiler().launches().at("three times");
+  EXPECT_EQ(statistics.calls, 3u);
+  EXPECT_GT(statistics.milliseconds, 0);
+  EXPECT_EQ(statistics.cost.flops, 300);
+  EXPECT_THAT(timed.profiler().table(), HasSubstr("three times"));
+}
+
+}  // namespace
+}  // namespace arah
