@@ -121,7 +121,7 @@ TrainingSettings preset_settings(const std::string& preset) {
   TrainingSettings s;
   s.preset = preset;
   s.sampling.root.max_iterations = 10;
-  s.sampling.root.tolerance = 1e-4f;  // a thirtieth of b: a fifth fewer evaluations, nothing lost in the pictures
+  s.sampling.root.tolerance = 1e-4f;  // about a thirtieth of b
   s.sdf = {.rate = 2e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.mapping = {.rate = 1e-4};
   s.skinning = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
