@@ -36,11 +36,20 @@ struct JacobianConstants {
   uvec3 column;
 };
 
+struct ImplicitJointConstants {
+  uint rays;
+  uint gradient_stride;  // texels
+  uint gradient_column;
+  uint sdf_stride;  // of the cotangents, texels
+  uint sdf_column;
+};
+
 #ifdef __cplusplus
 static_assert(sizeof(LbsConstants) == 20);
 static_assert(sizeof(LbsBackwardConstants) == 20);
 static_assert(sizeof(WeightsLossConstants) == 24);
 static_assert(sizeof(JacobianConstants) == 24);
+static_assert(sizeof(ImplicitJointConstants) == 20);
 }  // namespace arah::shared
 #endif
 #endif

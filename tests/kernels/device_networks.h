@@ -7,11 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "kernels/linear/layer.h"
+#include "kernels/linear/dense_network.h"
 #include "kernels/reference/dense_network.h"
 #include "kernels/reference/linear.h"
 #include "kernels/reference/siren.h"
-#include "tests/golden.h"
+#include "kernels/sdf/siren.h"
+#include "tests/golden_tolerance.h"
 #include "tests/kernels/device_fixture.h"
 
 namespace arah {
@@ -133,6 +134,121 @@ inline void expect_near(const std::string& label, const std::vector<RawLayer>& a
       if (!truth[l][t].empty())
         expect_near(label + " " + parts[t] + " " + std::to_string(l), actual[l][t], times(truth[l][t], factor),
                     relative);
+}
+
+inline std::vector<uint32_t> widths_of(const reference::DenseNetwork& network) {
+  std::vector<uint32_t> widths{static_cast<uint32_t>(network.input_size())};
+  for (const reference::DenseLayer& layer : network.layers) widths.push_back(static_cast<uint32_t>(layer.outputs));
+  return widths;
+}
+
+inline DenseShape shape_of(const reference::DenseNetwork& network, uint32_t constant_inputs = 0) {
+  const LayerKind kind = network.layers[0].g.empty() ? LayerKind::plain : LayerKind::weight_norm;
+  const auto activation = [](const reference::DenseLayer& layer) { return static_cast<Activation>(layer.activation); };
+  DenseShape shape = DenseShape::chain(kind, widths_of(network), activation(network.layers.front()),
+                                       activation(network.layers.back()), constant_inputs);
+  for (size_t l = 0; l < network.layers.size(); ++l)
+    if (network.layers[l].concatenates_input) shape = shape.with_skip(static_cast<int>(l));
+  return shape;
+}
+
+// A reference network on the device with room for `capacity` points. The last constant_inputs channels of its input are
+// the code, the same for all points.
+struct DeviceDense {
+  DeviceDense(Device& on, const reference::DenseNetwork& truth, uint32_t capacity,
+              const std::vector<double>& code_values = {})
+      : device(on),
+        shape(shape_of(truth, static_cast<uint32_t>(code_values.size()))),
+        tensors(on, raw_layers(truth)),
+        network(on, "network", shape, tensors.parameters(), tensors.gradients()),
+        tape(on, "tape", shape, capacity, true),
+        scratch(on, "scratch", network.weight_gradient_scratch(capacity) * 4, BufferPlace::device) {
+    if (code_values.empty()) return;
+    code = Buffer(on, "code", code_values.size() * 4, BufferPlace::device);
+    code_gradient = Buffer(on, "code gradient", code_values.size() * 4, BufferPlace::device);
+    on.upload(code.slice(), std::vector<float>(code_values.begin(), code_values.end()));
+    on.upload(code_gradient.slice(), std::vector<float>(code_values.size(), 0.0f));
+  }
+
+  uint32_t code_size() const { return shape.layers[0].constant_count; }
+  BufferSlice code_slice() { return code_size() ? code.slice().elements(0, code_size()) : BufferSlice{}; }
+  BufferSlice code_gradient_slice() {
+    return code_size() ? code_gradient.slice().elements(0, code_size()) : BufferSlice{};
+  }
+  std::vector<double> output(size_t points) {
+    return read_rows(device, tape.output(), points, shape.layers.back().outputs);
+  }
+
+  // Padding of the input is finite, and must not matter.
+  void write_input(const std::vector<double>& x, size_t points) {
+    write_rows(device, tape.input(), shape.padded_input(), x, points, 0.5f);
+  }
+  void write_cotangent(const Matrix& matrix, const std::vector<double>& d, size_t points) {
+    write_rows(device, matrix, shape.layers.back().padded_outputs(), d, points);
+  }
+
+  // Forward, backward with all gradients, and back to the raw parameters.
+  void run(Commands& commands, uint32_t points, const std::vector<double>& d_output) {
+    write_cotangent(tape.output_gradient(), d_output, points);
+    network.record_pack(commands, code_slice());
+    network.record_forward(commands, tape, {points, {}});
+    DenseNetwork::Backward backward;
+    backward.input_gradient = true;
+    backward.scratch = scratch.slice();
+    network.record_backward(commands, tape, {points, {}}, backward);
+    network.record_unpack(commands, code_slice(), code_gradient_slice());
+    commands.submit_and_wait();
+  }
+
+  Device& device;
+  DenseShape shape;
+  DeviceTensors tensors;
+  DenseNetwork network;
+  DenseTape tape;
+  Buffer scratch, code, code_gradient;
+};
+
+// A reference SIREN on the device with room for `capacity` points.
+struct DeviceSiren {
+  DeviceSiren(Device& on, const reference::Siren& truth, bool film, uint32_t capacity, SirenTape::Holds holds)
+      : device(on),
+        shape{static_cast<uint32_t>(truth.feature_size()), static_cast<uint32_t>(truth.layers.size() - 1),
+              static_cast<float>(truth.omega), film},
+        tensors(on, raw_layers(truth, film)),
+        siren(on, "siren", shape, tensors.parameters(), tensors.gradients()),
+        tape(on, "tape", shape, capacity, holds),
+        scratch(on, "scratch", siren.weight_gradient_scratch(capacity) * 4, BufferPlace::device) {}
+
+  std::vector<double> sdf(size_t points) { return read_rows(device, tape.sdf(), points, 1); }
+  std::vector<double> feature(size_t points) { return read_rows(device, tape.feature(), points, shape.width); }
+  std::vector<double> gradient(size_t points) { return read_rows(device, tape.gradient(), points, 3); }
+  std::vector<double> input_gradient(size_t points) { return read_rows(device, tape.input_gradient(), points, 3); }
+
+  // Empty parts of the adjoint stay as they are on the device.
+  void write_cotangents(const reference::SirenAdjoint& adjoint, size_t points) {
+    if (!adjoint.sdf.empty()) write_rows(device, tape.sdf_cotangent(), 8, adjoint.sdf, points);
+    if (!adjoint.feature.empty())
+      write_rows(device, tape.feature_cotangent(), padded_channels(shape.width), adjoint.feature, points);
+    if (!adjoint.gradient.empty()) write_rows(device, tape.gradient_cotangent(), 8, adjoint.gradient, points);
+  }
+
+  Device& device;
+  SirenShape shape;
+  DeviceTensors tensors;
+  Siren siren;
+  SirenTape tape;
+  Buffer scratch;
+};
+
+// "grad.<prefix>.<i>.{v or W, b, g}".
+inline void expect_golden_gradients(const golden::Case& truth, const std::string& prefix,
+                             const std::vector<RawLayer>& gradients) {
+  for (size_t l = 0; l < gradients.size(); ++l) {
+    const std::string name = "grad." + prefix + "." + std::to_string(l) + ".";
+    golden::expect_golden_float(truth, name + (gradients[l][2].empty() ? "W" : "v"), gradients[l][0]);
+    golden::expect_golden_float(truth, name + "b", gradients[l][1]);
+    if (!gradients[l][2].empty()) golden::expect_golden_float(truth, name + "g", gradients[l][2]);
+  }
 }
 
 }  // namespace arah

@@ -44,38 +44,6 @@ class SirenTest : public DeviceTest {
   }
 };
 
-// A reference SIREN on the device with room for `capacity` points.
-struct DeviceSiren {
-  DeviceSiren(Device& on, const reference::Siren& truth, bool film, uint32_t capacity, SirenTape::Holds holds)
-      : device(on),
-        shape{static_cast<uint32_t>(truth.feature_size()), static_cast<uint32_t>(truth.layers.size() - 1),
-              static_cast<float>(truth.omega), film},
-        tensors(on, raw_layers(truth, film)),
-        siren(on, "siren", shape, tensors.parameters(), tensors.gradients()),
-        tape(on, "tape", shape, capacity, holds),
-        scratch(on, "scratch", siren.weight_gradient_scratch(capacity) * 4, BufferPlace::device) {}
-
-  std::vector<double> sdf(size_t points) { return read_rows(device, tape.sdf(), points, 1); }
-  std::vector<double> feature(size_t points) { return read_rows(device, tape.feature(), points, shape.width); }
-  std::vector<double> gradient(size_t points) { return read_rows(device, tape.gradient(), points, 3); }
-  std::vector<double> input_gradient(size_t points) { return read_rows(device, tape.input_gradient(), points, 3); }
-
-  // Empty parts of the adjoint stay as they are on the device.
-  void write_cotangents(const reference::SirenAdjoint& adjoint, size_t points) {
-    if (!adjoint.sdf.empty()) write_rows(device, tape.sdf_cotangent(), 8, adjoint.sdf, points);
-    if (!adjoint.feature.empty())
-      write_rows(device, tape.feature_cotangent(), padded_channels(shape.width), adjoint.feature, points);
-    if (!adjoint.gradient.empty()) write_rows(device, tape.gradient_cotangent(), 8, adjoint.gradient, points);
-  }
-
-  Device& device;
-  SirenShape shape;
-  DeviceTensors tensors;
-  Siren siren;
-  SirenTape tape;
-  Buffer scratch;
-};
-
 // Against "<kind>.sdf.*" where stored, else the 2-norm against "<kind>_norm.sdf.*".
 void expect_golden_gradients(const golden::Case& truth, const std::string& kind, const std::vector<RawLayer>& gradients,
                              const std::vector<double>& d_x) {

@@ -1,0 +1,199 @@
+// The implicit function theorem on the device, from the networks' Jacobians to the gradients of their parameters: golden
+// cases, and the joint kernel against the double-precision truth.
+#include "kernels/reference/implicit.h"
+
+#include <cmath>
+
+#include "kernels/reference/broyden.h"
+#include "kernels/skinning/implicit_cotangent.h"
+#include "kernels/skinning/implicit_joint_cotangent.h"
+#include "kernels/skinning/jacobian.h"
+#include "kernels/skinning/lbs.h"
+#include "kernels/skinning/lbs_backward.h"
+#include "shaders/shared/ray.h"
+#include "tests/kernels/device_networks.h"
+#include "tests/kernels/reference/golden_networks.h"
+#include "tests/kernels/skinning_scene.h"
+
+namespace arah {
+namespace {
+
+using golden::expect_golden_float;
+
+class Implicit : public DeviceTest {
+ protected:
+  std::vector<double> doubles(size_t count, double scale) {
+    const std::vector<float> values = uniform(count, -scale, scale);
+    return {values.begin(), values.end()};
+  }
+};
+
+// A skinning network at given canonical points: everything that the implicit gradient reads of it and writes to it.
+struct SkinningAt {
+  SkinningAt(Device& device, const reference::SkinningNetwork& network, const std::vector<double>& bones, const std::vector<double>& x)
+      : points(static_cast<uint32_t>(x.size() / 3)), tree(reference::smpl_parents()), dense(device, network.layers, points) {
+    const uint64_t padded = padded_points(points);
+    auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, what, bytes, BufferPlace::device); };
+    frame = make("frame", sizeof(FrameConstants));
+    const FrameConstants constants = frame_constants(network.cube, bones);
+    device.upload(frame.slice(), &constants, sizeof constants);
+    canonical = make("canonical", padded * 16);
+    std::vector<float> rows = padded_rows(x, 3, 4);
+    for (size_t row = 0; row < rows.size() / 4; ++row) rows[4 * row + 3] = 1;  // a root
+    device.upload(canonical.slice(), rows);
+    posed = make("posed", padded * 16), transforms = make("transforms", padded * 48), jacobians = make("jacobians", padded * 48);
+    for (Buffer& gradient : gradients) gradient = make("gradient", padded * channel_padding * 4);
+    cotangents = make("cotangents", padded * 16);
+    singular = make("singular", 256);
+    device.upload(singular.slice(), std::vector<uint32_t>(64, 0));
+    std::vector<double> n;
+    for (size_t p = 0; p < points; ++p)
+      for (const double value : network.cube.to_cube({x[3 * p], x[3 * p + 1], x[3 * p + 2]})) n.push_back(value);
+    dense.write_input(n, points);
+  }
+
+  void record_jacobians(Commands& commands) {
+    dense.network.record_pack(commands);
+    dense.network.record_forward(commands, dense.tape, {points, {}});
+    record_lbs(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), posed.slice(), transforms.slice(), {}});
+    JacobianArgs jacobian{{points, {}}, frame.slice(), transforms.slice(), {}, jacobians.slice()};
+    for (uint32_t i = 0; i < 3; ++i) {
+      record_lbs_backward(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), {}, i, dense.tape.output_gradient(), {}});
+      DenseNetwork::Backward through;
+      through.weight_gradients = false;
+      through.input_gradient = true;
+      jacobian.gradients[i] = through.input_gradient_result = {gradients[i].slice(), channel_padding, 0};
+      dense.network.record_backward(commands, dense.tape, {points, {}}, through);
+    }
+    record_jacobian(commands, jacobian);
+  }
+
+  // From `cotangents` to the raw gradients of the network.
+  void record_back(Commands& commands) {
+    record_lbs_backward(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), cotangents.slice(), 3, dense.tape.output_gradient(), {}});
+    DenseNetwork::Backward weights;
+    weights.scratch = dense.scratch.slice();
+    dense.network.record_backward(commands, dense.tape, {points, {}}, weights);
+    dense.network.record_unpack(commands);
+  }
+
+  Rows rows() const { return {{points, {}}, {}}; }
+
+  uint32_t points;
+  JointTree tree;
+  DeviceDense dense;
+  Buffer frame, canonical, posed, transforms, jacobians, gradients[3], cotangents, singular;
+};
+
+TEST_F(Implicit, GoldenGradientsThroughTheCorrespondence) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  const golden::Case truth("11_implicit_points"), lbs("03_lbs_net");
+  const reference::SkinningNetwork network = reference::golden_skinning(lbs, lbs);
+  const std::vector<double> n = truth.values("in.nstar");
+  std::vector<double> x;
+  for (size_t p = 0; p < n.size() / 3; ++p)
+    for (const double value : network.cube.from_cube({n[3 * p], n[3 * p + 1], n[3 * p + 2]})) x.push_back(value);
+  SkinningAt at(device, network, truth.values("in.B"), x);
+  // L is a function of n, which grows cube_scale times as fast as x.
+  Buffer upstream = filled("upstream", padded_rows(times(truth.values("in.G"), network.cube.scale()), 3, 4));
+  at.record_jacobians(commands);
+  record_implicit_cotangent(commands, {at.points, at.jacobians.slice(), upstream.slice(), at.canonical.slice(), at.cotangents.slice(), at.singular.slice()});
+  at.record_back(commands);
+  commands.submit_and_wait();
+  expect_golden_float(truth, "grad.x_bar", times(rows_of(device.download<float>(at.cotangents.slice()), at.points, 3, 4), -1));
+  expect_golden_gradients(truth, "lbs", at.dense.tensors.download_gradients());
+  EXPECT_EQ(device.download<uint32_t>(at.singular.slice())[0], 0u);
+}
+
+TEST_F(Implicit, GoldenGradientsThroughTheJointSearch) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  const golden::Case truth("11_implicit_joint"), lbs("03_lbs_net");
+  const reference::SkinningNetwork network = reference::golden_skinning(lbs, lbs);
+  const std::vector<double> x = truth.values("in.xstar"), depths = truth.values("in.dstar"), directions = truth.values("in.dir"), upstream_x = truth.values("in.Gx"),
+                            upstream_d = truth.values("in.Gd");
+  SkinningAt at(device, network, truth.values("in.B"), x);
+  DeviceSiren sdf(device, reference::golden_siren(truth), true, at.points, SirenTape::Holds::first_order);
+  std::vector<double> n, upstream;
+  std::vector<Ray> rays(padded_points(at.points));
+  for (size_t p = 0; p < at.points; ++p) {
+    for (const double value : network.cube.to_cube({x[3 * p], x[3 * p + 1], x[3 * p + 2]})) n.push_back(value);
+    for (size_t i = 0; i < 3; ++i) upstream.push_back(upstream_x[3 * p + i]), rays[p].direction[i] = static_cast<float>(directions[3 * p + i]);
+    upstream.push_back(upstream_d[p]);
+  }
+  write_rows(device, sdf.tape.input(), 8, n, at.points);
+  Buffer above = filled("upstream", padded_rows(upstream, 4, 4)), ray_list = filled("rays", rays);
+  at.record_jacobians(commands);
+  sdf.siren.record_pack(commands);
+  sdf.siren.record_forward(commands, sdf.tape, {at.points, {}}, true);
+  sdf.siren.record_gradient(commands, sdf.tape, {at.points, {}}, false);
+  record_implicit_joint_cotangent(commands, {at.points, at.frame.slice(), ray_list.slice(), sdf.tape.gradient(), at.jacobians.slice(), above.slice(), at.canonical.slice(), at.cotangents.slice(),
+                                             sdf.tape.sdf_cotangent(), at.singular.slice()});
+  at.record_back(commands);
+  Siren::Backward backward;
+  backward.scratch = sdf.scratch.slice();
+  sdf.siren.record_backward(commands, sdf.tape, {at.points, {}}, backward);
+  sdf.siren.record_unpack(commands);
+  commands.submit_and_wait();
+
+  const std::vector<double> skinned = rows_of(device.download<float>(at.cotangents.slice()), at.points, 3, 4);
+  std::vector<double> camera(3, 0.0), by_direction;
+  for (size_t p = 0; p < at.points; ++p)
+    for (size_t i = 0; i < 3; ++i) camera[i] -= skinned[3 * p + i], by_direction.push_back(-depths[p] * skinned[3 * p + i]);
+  expect_golden_float(truth, "grad.cam", camera);
+  expect_golden_float(truth, "grad.dir", by_direction);
+  expect_golden_gradients(truth, "lbs", at.dense.tensors.download_gradients());
+  static const char* const parts[] = {"W", "b", "gamma", "eta"};
+  const std::vector<RawLayer> gradients = sdf.tensors.download_gradients();
+  for (size_t l = 0; l < gradients.size(); ++l)
+    for (size_t t = 0; t < 4; ++t)
+      if (!gradients[l][t].empty()) expect_golden_float(truth, "grad.sdf." + std::to_string(l) + "." + parts[t], gradients[l][t]);
+  EXPECT_EQ(device.download<uint32_t>(at.singular.slice())[0], 0u);
+}
+
+TEST_F(Implicit, JointCotangentsAndTheirExceptions) {
+  const uint32_t count = 131, stride = 16;
+  std::vector<double> jacobians = doubles(count * 9, 0.5), normals = doubles(count * 3, 1), upstream = doubles(count * 4, 2), expected, expected_sdf;
+  std::vector<Ray> rays(padded_points(count));
+  std::vector<float> roots(padded_points(count) * 4, 1.0f);  // w of padding rows says "root": they must not count
+  const reference::Cube cube{{0.1, -0.2, 0.05}, -0.9, 1.1};
+  const FrameConstants constants = frame_constants(cube, {});
+  uint32_t singular = 0;
+  for (uint32_t r = 0; r < count; ++r) {
+    for (size_t i = 0; i < 3; ++i) jacobians[r * 9 + 4 * i] += 2, normals[3 * r + i] = static_cast<float>(normals[3 * r + i] + (i == 2 ? -2 : 0));
+    const std::vector<double> wobble = doubles(2, 0.3);
+    reference::Vector<3> direction{wobble[0], wobble[1], 1};
+    if (r % 10 == 3) {  // along the surface: with J the identity the ray lies in the tangent plane
+      for (size_t i = 0; i < 9; ++i) jacobians[r * 9 + i] = i % 4 == 0;
+      direction = {1, 0, 0};
+      normals[3 * r] = 0, normals[3 * r + 1] = 1, normals[3 * r + 2] = 0;
+    }
+    if (r == 20) normals[3 * r] = std::nan("");
+    if (r % 7 == 0) roots[4 * r + 3] = 0;
+    reference::Matrix<3> j;
+    for (size_t i = 0; i < 9; ++i) j[i / 3][i % 3] = jacobians[r * 9 + i];
+    for (size_t i = 0; i < 3; ++i) rays[r].direction[i] = static_cast<float>(direction[i]);
+    const bool none = r % 10 == 3 || r == 20, root = r % 7 != 0;
+    singular += none && root;
+    const auto gradient = none ? reference::JointImplicitGradient{}
+                               : reference::implicit_joint_gradient(reference::joint_jacobian({normals[3 * r], normals[3 * r + 1], normals[3 * r + 2]}, j, direction),
+                                                                    {upstream[4 * r], upstream[4 * r + 1], upstream[4 * r + 2], upstream[4 * r + 3]}, 1);
+    for (size_t i = 0; i < 3; ++i) expected.push_back(root ? gradient.skinned[i] : 0);
+    expected_sdf.push_back(root ? gradient.sdf / cube.scale() : 0);
+  }
+  const uint64_t padded = padded_points(count);
+  Buffer frame = filled("frame", std::vector<FrameConstants>{constants}), ray_list = filled("rays", rays), j = filled("jacobians", padded_rows(jacobians, 3, 4), padded * 48),
+         gradients = filled("gradients", padded_rows(normals, 3, stride, 8)), above = filled("upstream", padded_rows(upstream, 4, 4)), canonical = filled("canonical", roots),
+         cotangents = empty("cotangents", padded * 16), sdf = filled("sdf", std::vector<float>(padded * stride, 7)), total = filled("count", std::vector<uint32_t>{5});
+  record_implicit_joint_cotangent(commands, {count, frame.slice(), ray_list.slice(), {gradients.slice(), stride, 8}, j.slice(), above.slice(), canonical.slice(), cotangents.slice(),
+                                             {sdf.slice(), stride, 8}, total.slice()});
+  commands.submit_and_wait();
+  expect_all_near("joint cotangents on LBS(x)", rows_of(device.download<float>(cotangents.slice()), count, 3, 4), expected, 2e-4);
+  const std::vector<float> on_sdf = device.download<float>(sdf.slice());
+  expect_all_near("joint cotangents on f", rows_of(on_sdf, count, 1, stride, 8), expected_sdf, 2e-4);
+  EXPECT_EQ(on_sdf[0], 7);  // beside its columns nothing is written
+  for (uint64_t row = count; row < padded; ++row) EXPECT_EQ(on_sdf[row * stride + 8], 0) << row;
+  EXPECT_EQ(device.download<uint32_t>(total.slice())[0], 5 + singular);
+}
+
+}  // namespace
+}  // namespace arah
