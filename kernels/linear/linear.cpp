@@ -20,8 +20,8 @@ struct EpilogueConstants {
   uint32_t stored_stride, stored_column;
   uint32_t before_stride, before_column;
   uint32_t after_stride, after_column;
-  uint32_t rows;
   uint32_t outputs;
+  uint32_t inputs;
 };
 static_assert(sizeof(EpilogueConstants) == 64);
 
@@ -64,8 +64,10 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   Device& device = commands.device();
   const LinearFamily family = linear_family(device);
   const uint32_t tile = linear_tile(a.inputs, a.outputs);
-  const std::vector<uint32_t> specialization{a.inputs, tile, static_cast<uint32_t>(a.mode), static_cast<uint32_t>(a.activation), !a.second.empty(), !a.before.empty(), !a.after.empty()};
-  const Pipeline& pipeline = device.pipeline(family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
+  const bool shuffled = family == LinearFamily::straight && wide_product(a.inputs, a.outputs);
+  // The shuffled kernel's sizes are push constants: 1 and 1 stand for what the others specialise.
+  const std::vector<uint32_t> specialization{shuffled ? 1 : a.inputs, shuffled ? 1 : tile, static_cast<uint32_t>(a.mode), static_cast<uint32_t>(a.activation), !a.second.empty(), !a.before.empty(), !a.after.empty()};
+  const Pipeline& pipeline = device.pipeline(shuffled ? "linear/shuffled_forward" : family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
 
   auto or_input = [&](const Matrix& matrix) { return matrix.empty() ? a.x.slice : matrix.slice; };  // unused bindings need some buffer
   EpilogueConstants constants{};
@@ -73,8 +75,8 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   constants.second_stride = a.second.stride / 8;
   constants.stored_stride = a.stored.stride / 4, constants.before_stride = a.before.stride / 4, constants.after_stride = a.after.stride / 4;
   constants.result_stride = a.result.stride / 8;
-  constants.rows = padded_points(a.range.points);
   constants.outputs = a.outputs;
+  constants.inputs = a.inputs;
 
   Launch launch;
   launch.pipeline = &pipeline;
@@ -94,9 +96,14 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     constants.after_column = (a.after.column + column) / 4;
     constants.weights = a.packed.buffer->address() + a.packed.offset + column / tile * tile_floats * 4;
   };
-  if (family == LinearFamily::straight) {
+  if (shuffled) {
+    at_column(0);
+    launch.bindings.push_back(a.packed.elements(0, tile_floats));
+    launch.groups = {padded_points(a.range.points) / 64, 1, 1};
+    commands.dispatch(launch);
+  } else if (family == LinearFamily::straight) {
     const uint32_t tiles = a.outputs / tile;
-    launch.groups = {constants.rows / 64, 1, 1};
+    launch.groups = {padded_points(a.range.points) / 64, 1, 1};
     launch.cost.flops /= tiles;
     launch.cost.bytes /= tiles;
     for (uint32_t t = 0; t < tiles; ++t) {
@@ -107,7 +114,7 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     }
   } else {
     at_column(0);
-    launch.groups = {constants.rows / 64, (a.outputs + 63) / 64, 1};
+    launch.groups = {padded_points(a.range.points) / 64, (a.outputs + 63) / 64, 1};
     commands.dispatch(launch);
   }
 }

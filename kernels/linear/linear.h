@@ -1,6 +1,7 @@
 // The batched linear layer and its two transposes, with fused activations (DESIGN.md §3):
 //   forward Y = act(X W + b)      input gradient dX = dY Wᵀ      weight gradient dW = Xᵀ dY
-// Two families of shaders behind one interface: `straight` for CPU devices, `tiled` for GPUs.
+// Two families of shaders behind one interface: `straight` for CPU devices, `tiled` for GPUs. On CPU devices wide products
+// take shuffled_forward, a loop, instead of straight-line code.
 #pragma once
 
 #include <cstdint>
@@ -28,12 +29,16 @@ struct PackedWeights {
   BufferSlice transposed;  // packed_floats(outputs, inputs) floats
 };
 
-// Width of a tile of packed columns for a product with `rows` inputs: the widest of 64, 32, 16, 8 that divides the padded
-// width and keeps a tile within 2,048 products a point (code that compiles in about a second and is cut into pieces of 512),
-// but at least 16 where it divides. Wider tiles mean fewer launches and fewer reads of the input.
+// Products with many inputs and outputs: on a CPU device they take the shuffled kernel, whose weights are one tile.
+constexpr bool wide_product(uint32_t rows, uint32_t padded_width) { return rows > 128 && padded_width > 16; }
+
+// Width of a tile of packed columns for a product with `rows` inputs: all of a wide product; else the widest of 64, 32, 16, 8
+// that divides the padded width and keeps a tile within 4,096 products a point (code that compiles in one or two seconds and
+// is cut into pieces of 512), but at least 16 where it divides. Wider tiles mean fewer launches and fewer reads of the input.
 constexpr uint32_t linear_tile(uint32_t rows, uint32_t padded_width) {
+  if (wide_product(rows, padded_width)) return padded_width;
   for (const uint32_t tile : {64u, 32u})
-    if (padded_width % tile == 0 && rows * tile <= 2048) return tile;
+    if (padded_width % tile == 0 && rows * tile <= 4096) return tile;
   return padded_width % 16 == 0 ? 16 : 8;
 }
 constexpr uint64_t packed_floats(uint32_t rows, uint32_t columns) { return uint64_t(rows + 1) * columns; }

@@ -34,8 +34,8 @@ layout(push_constant, scalar) uniform Constants {
   uint stored_stride, stored_column;
   uint before_stride, before_column;
   uint after_stride, after_column;
-  uint rows;  // padded number of points; the tiled family checks it
   uint outputs;
+  uint inputs;  // read by the shuffled kernel
 };
 
 u64vec4 packed(vec4 low, vec4 high) {

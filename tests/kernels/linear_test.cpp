@@ -143,7 +143,8 @@ constexpr ForwardCase forward_cases[] = {
     {"", Activation::none, 8, 8, 1},          {"", Activation::relu, 40, 72, 65},
     {"", Activation::leaky_relu, 24, 16, 64}, {"", Activation::softplus, 16, 24, 63},
     {"", Activation::sine, 80, 48, 130},      {"", Activation::sigmoid, 8, 8, 1000},
-    {"", Activation::none, 32, 128, 65},      {"", Activation::sine, 64, 96, 63}};  // tiles of 64 and of 32
+    {"", Activation::none, 32, 128, 65},      {"", Activation::sine, 64, 96, 63},  // tiles of 64 and of 32
+    {"", Activation::sine, 136, 72, 65},      {"", Activation::relu, 296, 256, 130}};  // wide
 
 template <typename Case, size_t count>
 std::vector<Case> both_families(const Case (&cases)[count]) {
@@ -224,7 +225,8 @@ constexpr GradientCase gradient_cases[] = {{"", Activation::none, false, false, 
                                            {"", Activation::leaky_relu, false, true, false, 72, 24, 64},
                                            {"", Activation::softplus, true, true, true, 8, 72, 63},
                                            {"", Activation::sine, false, true, true, 48, 80, 130},
-                                           {"", Activation::sigmoid, false, false, true, 32, 16, 300}};
+                                           {"", Activation::sigmoid, false, false, true, 32, 16, 300},
+                                           {"", Activation::sine, true, true, true, 200, 144, 65}};  // wide
 INSTANTIATE_TEST_SUITE_P(Derivatives, LinearInputGradient, testing::ValuesIn(both_families(gradient_cases)));
 
 class LinearFamilies : public LinearTest, public testing::WithParamInterface<const char*> {
@@ -234,62 +236,66 @@ class LinearFamilies : public LinearTest, public testing::WithParamInterface<con
 INSTANTIATE_TEST_SUITE_P(Families, LinearFamilies, testing::Values("straight", "tiled"));
 
 TEST_P(LinearFamilies, CarryATangentThroughASineLayer) {
-  const uint32_t inputs = 40, outputs = 72, points = 65;
-  const size_t rows = padded_points(points);
-  const EffectiveWeights layer = weights(inputs, outputs);
-  const std::vector<float> x = uniform(rows * inputs), phase = uniform(rows * outputs, -4, 4),
-                           adjoint = uniform(rows * outputs);
-  std::vector<float> sine(phase.size()), cosine(phase.size());
-  for (size_t i = 0; i < phase.size(); ++i) sine[i] = std::sin(phase[i]), cosine[i] = std::cos(phase[i]);
-  Buffer forward = filled("weights", packed_forward(layer));
-  TestMatrix x_matrix = matrix("x", points, inputs, x), sine_matrix = matrix("sine", points, outputs, sine),
-             cosine_matrix = matrix("cosine", points, outputs, cosine);
-  TestMatrix adjoint_matrix = matrix("adjoint", points, outputs, adjoint), y = matrix("y", points, outputs),
-             curvature = matrix("curvature", points, outputs);
-  LinearTangentArgs args;
-  args.x = x_matrix.matrix();
-  args.weights = {inputs, outputs, forward.slice(), {}};
-  args.y = y.matrix();
-  args.cosine = cosine_matrix.matrix();
-  args.sine = sine_matrix.matrix();
-  args.adjoint = adjoint_matrix.matrix();
-  args.curvature = curvature.matrix();
-  args.range.points = points;
-  record_linear_tangent(commands, args);
-  commands.submit_and_wait();
+  for (const auto& [inputs, outputs] : {std::pair{40u, 72u}, {136u, 72u}}) {  // the second one is a wide product
+    const uint32_t points = 65;
+    const size_t rows = padded_points(points);
+    const EffectiveWeights layer = weights(inputs, outputs);
+    const std::vector<float> x = uniform(rows * inputs), phase = uniform(rows * outputs, -4, 4),
+                             adjoint = uniform(rows * outputs);
+    std::vector<float> sine(phase.size()), cosine(phase.size());
+    for (size_t i = 0; i < phase.size(); ++i) sine[i] = std::sin(phase[i]), cosine[i] = std::cos(phase[i]);
+    Buffer forward = filled("weights", packed_forward(layer));
+    TestMatrix x_matrix = matrix("x", points, inputs, x), sine_matrix = matrix("sine", points, outputs, sine),
+               cosine_matrix = matrix("cosine", points, outputs, cosine);
+    TestMatrix adjoint_matrix = matrix("adjoint", points, outputs, adjoint), y = matrix("y", points, outputs),
+               curvature = matrix("curvature", points, outputs);
+    LinearTangentArgs args;
+    args.x = x_matrix.matrix();
+    args.weights = {inputs, outputs, forward.slice(), {}};
+    args.y = y.matrix();
+    args.cosine = cosine_matrix.matrix();
+    args.sine = sine_matrix.matrix();
+    args.adjoint = adjoint_matrix.matrix();
+    args.curvature = curvature.matrix();
+    args.range.points = points;
+    record_linear_tangent(commands, args);
+    commands.submit_and_wait();
 
-  const std::vector<double> a =
-      reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, {});
-  std::vector<double> y_truth(a.size()), curvature_truth(a.size());
-  for (size_t i = 0; i < a.size(); ++i) {
-    y_truth[i] = a[i] * cosine[i];
-    curvature_truth[i] = -double(sine[i]) * a[i] * adjoint[i];
+    const std::vector<double> a =
+        reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, {});
+    std::vector<double> y_truth(a.size()), curvature_truth(a.size());
+    for (size_t i = 0; i < a.size(); ++i) {
+      y_truth[i] = a[i] * cosine[i];
+      curvature_truth[i] = -double(sine[i]) * a[i] * adjoint[i];
+    }
+    expect_close("tangent", result(y), y_truth, sum_tolerance(inputs));
+    expect_close("curvature", result(curvature), curvature_truth, sum_tolerance(inputs));
   }
-  expect_close("tangent", result(y), y_truth, sum_tolerance(inputs));
-  expect_close("curvature", result(curvature), curvature_truth, sum_tolerance(inputs));
 }
 
 TEST_P(LinearFamilies, TakeTheNumberOfPointsFromTheDevice) {
-  const uint32_t inputs = 16, outputs = 136, capacity = 200, points = 100;  // three tiles of 64 outputs
-  const EffectiveWeights layer = weights(inputs, outputs);
-  const std::vector<float> x = uniform(size_t(padded_points(capacity)) * inputs);
-  Buffer forward = filled("weights", packed_forward(layer)),
-         count = filled("count", std::vector<WorkCount>{{2, 1, 1, points}});
-  TestMatrix x_matrix = matrix("x", capacity, inputs, x), y = matrix("y", capacity, outputs);
-  LinearForwardArgs args;
-  args.x = x_matrix.matrix();
-  args.weights = {inputs, outputs, forward.slice(), {}};
-  args.y = y.matrix();
-  args.range = {capacity, count.slice()};
-  record_linear_forward(commands, args);
-  commands.submit_and_wait();
+  for (const auto& [inputs, outputs] : {std::pair{16u, 136u}, {136u, 72u}}) {  // the second one is a wide product
+    const uint32_t capacity = 200, points = 100;
+    const EffectiveWeights layer = weights(inputs, outputs);
+    const std::vector<float> x = uniform(size_t(padded_points(capacity)) * inputs);
+    Buffer forward = filled("weights", packed_forward(layer)),
+           count = filled("count", std::vector<WorkCount>{{2, 1, 1, points}});
+    TestMatrix x_matrix = matrix("x", capacity, inputs, x), y = matrix("y", capacity, outputs);
+    LinearForwardArgs args;
+    args.x = x_matrix.matrix();
+    args.weights = {inputs, outputs, forward.slice(), {}};
+    args.y = y.matrix();
+    args.range = {capacity, count.slice()};
+    record_linear_forward(commands, args);
+    commands.submit_and_wait();
 
-  const std::vector<double> all = result(y);
-  const std::vector<double> truth =
-      reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, layer.b);
-  expect_close("value", {all.begin(), all.begin() + long(points) * outputs}, truth, sum_tolerance(inputs));
-  for (size_t i = size_t(128) * outputs; i < all.size(); ++i)
-    ASSERT_TRUE(std::isnan(all[i])) << "point " << i / outputs << " is beyond the count";
+    const std::vector<double> all = result(y);
+    const std::vector<double> truth =
+        reference::linear_pre_activation({points, inputs, outputs}, real_rows(x, points, inputs), layer.w, layer.b);
+    expect_close("value", {all.begin(), all.begin() + long(points) * outputs}, truth, sum_tolerance(inputs));
+    for (size_t i = size_t(128) * outputs; i < all.size(); ++i)
+      ASSERT_TRUE(std::isnan(all[i])) << "point " << i / outputs << " is beyond the count";
+  }
 }
 
 TEST_P(LinearFamilies, AddUpTheWeightGradient) {
