@@ -14,6 +14,7 @@ Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32
     : networks_(networks), samples_per_ray_(samples_per_ray) {
   const bool normal = networks.spec().color.normal;
   const uint64_t rows = padded_points(capacity);
+  distance_tape_.emplace(device, "samples: distances", networks.sdf_shape(), capacity, SirenTape::Holds::values);
   sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), capacity, normal && with_gradients ? SirenTape::Holds::second_order : SirenTape::Holds::first_order);
   color_tape_.emplace(device, "samples: color", networks.color_shape(), capacity, with_gradients);
   if (normal) normals_ = Buffer(device, "samples: normals", rows * 16, BufferPlace::device);
@@ -23,6 +24,13 @@ Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32
   upstream_ = Buffer(device, "samples: gradient at x", rows * 16, BufferPlace::device);
   const uint64_t floats = std::max({networks.sdf().weight_gradient_scratch(capacity), networks.color().weight_gradient_scratch(capacity), networks.unpack_scratch()});
   scratch_ = Buffer(device, "weight gradients: partial sums", floats * 4, BufferPlace::device);
+}
+
+Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows) {
+  const PointRange range{rows, {}};
+  record_normalise_inputs(commands, {{range, {}}, frame, canonical, distance_tape_->input()});
+  networks_.sdf().record_forward(commands, *distance_tape_, range, false);
+  return distance_tape_->sdf();
 }
 
 void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradient) {
@@ -46,6 +54,8 @@ void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradi
   if (rows.row.feature_channels) rows.feature = sdf_tape_->feature();
   rows.rows = color_tape_->input();
   rows.channels = rows.row.grid_column() + networks_.grid().channels();
+  rows.samples = in.samples;
+  rows.sample_count = in.sample_count;
   record_assemble_inputs(commands, rows);
   if (networks_.grid().levels) {
     FeatureGridForwardArgs grid;
@@ -58,6 +68,11 @@ void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradi
     record_feature_grid_forward(commands, grid);
   }
   networks_.color().record_forward(commands, *color_tape_, range);
+}
+
+void Field::record_clear_cotangents(Commands& commands, uint32_t first) {
+  const uint32_t end = padded_points(std::max(first, 1u));
+  for (const Matrix& matrix : {d_sdf(), d_rgb()}) commands.fill(matrix.slice.elements(uint64_t(first) * matrix.stride, uint64_t(end - first) * matrix.stride), 0);
 }
 
 void Field::record_backward(Commands& commands, const Inputs& in, const Backward& options) {

@@ -1,4 +1,5 @@
-// The avatar's field at canonical points: signed distance, feature and colour, forward and back.
+// The avatar's field at canonical points: signed distance, feature and colour, forward and back. Distances alone come first,
+// at all samples; the rest is computed where a sample is worth it (shading_queue.h).
 #pragma once
 
 #include <memory>
@@ -10,8 +11,12 @@ namespace arah {
 
 class Field {
  public:
-  // capacity: points at a time. samples_per_ray: row r belongs to ray r / samples_per_ray.
+  // capacity: points at a time. samples_per_ray: sample s belongs to ray s / samples_per_ray.
   Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients);
+
+  // Signed distances at all rows of canonical points, vec4 by row: channel 0 of the result, cube units. It stays until the
+  // next call.
+  Matrix record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows);
 
   struct Inputs {
     BufferSlice frame;      // FrameConstants
@@ -19,6 +24,8 @@ class Field {
     BufferSlice rays;       // Ray by ray; read where the colour takes the view direction
     uint32_t rows = 0;
     BufferSlice transforms = {};  // three vec4 by row: blended transforms; read where the colour takes the normal
+    BufferSlice samples = {};     // uint32 by row: which sample it is, sample s being of ray s / samples_per_ray; empty: its number
+    uint32_t sample_count = 0;    // with `samples`: how many samples there are
   };
   // Fills sdf(), rgb(), and gradient() where wanted (always where the colour takes the normal). Throws
   // std::invalid_argument where the colour takes the normal and there are no transforms.
@@ -29,6 +36,8 @@ class Field {
   Matrix rgb() { return color_tape_->output(); }        // channels 0..2
   Matrix d_sdf() { return sdf_tape_->sdf_cotangent(); }  // the caller writes dL/df and dL/drgb here …
   Matrix d_rgb() { return color_tape_->output_gradient(); }
+  // Zeros in both from row `first` to the next multiple of 64 rows, all 64 for 0: the padding of a queue.
+  void record_clear_cotangents(Commands& commands, uint32_t first);
 
   // … and gets effective weight gradients (=, or += with accumulate) of both networks, grid sums (+=), and where asked for
   // position_gradient().
@@ -48,7 +57,7 @@ class Field {
  private:
   AvatarNetworks& networks_;
   uint32_t samples_per_ray_;
-  std::optional<SirenTape> sdf_tape_;
+  std::optional<SirenTape> distance_tape_, sdf_tape_;
   std::optional<DenseTape> color_tape_;
   Buffer d_position_, upstream_, scratch_, normals_, d_normals_;  // the last two: of the colour's input
 };

@@ -5,9 +5,6 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
-#include "kernels/color/posed_normals.h"
-#include "kernels/compositing/forward.h"
-
 namespace arah {
 namespace {
 
@@ -36,18 +33,9 @@ SamplingSettings picture_sampling(const Avatar& avatar) {
 
 Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings)
     : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
-  const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes), rows = rays * sampling_.samples;
+  const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes);
   samples_.emplace(device, networks_, rays, sampling_);
-  field_.emplace(device, networks_, rows, sampling_.samples, false);
-  auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, std::string("picture: ") + what, bytes, BufferPlace::device); };
-  colors_ = make("colours", rays * 16ull);
-  ray_depths_ = make("depths", rays * 4ull);
-  weights_ = make("weights", rows * 4ull);
-  transmittances_ = make("transmittances", rows * 4ull);
-  if (!settings.normals) return;
-  normals_ = make("normals of samples", rows * 16ull);
-  composited_normals_ = make("normals", rays * 16ull);
-  unused_depths_ = make("depths, again", rays * 4ull);
+  shaded_.emplace(device, networks_, rays, sampling_.samples, false, settings.normals);
 }
 
 Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
@@ -87,41 +75,13 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   const auto rays = static_cast<uint32_t>(pixels.size());
   samples_->set_pixels(commands_, frame, camera, pixels);
   samples_->place(commands_, frame, rays, {});
-  const uint32_t rows = samples_->rows(rays);
-  const bool turned = settings_.normals || avatar_.spec.color.normal;
-  const BufferSlice transforms = turned ? samples_->root_finder().record_transforms(commands_, frame, rows, samples_->canonical()) : BufferSlice{};
-  field_->record_forward(commands_, {frame.constants(), samples_->canonical(), samples_->rays(), rows, transforms}, settings_.normals);
-
-  CompositeForwardArgs composite;
-  composite.samples.rays = rays;
-  composite.samples.samples = samples_->samples();
-  composite.samples.sdf = field_->sdf();
-  composite.samples.metres_per_unit = static_cast<float>(avatar_.cube.metres_per_unit());
-  composite.samples.rgb = field_->rgb();
-  composite.samples.points = samples_->canonical();
-  composite.samples.deltas = samples_->deltas();
-  composite.samples.parameters = networks_.parameters();
-  composite.samples.scale_index = networks_.deviation_index();
-  composite.delta_mode = samples_->delta_mode();
-  composite.depths = samples_->depths();
-  composite.colors = colors_.slice();
-  composite.ray_depths = ray_depths_.slice();
-  composite.weights = weights_.slice();
-  composite.transmittances = transmittances_.slice();
-  record_composite_forward(commands_, composite);
-  if (settings_.normals) {
-    record_posed_normals(commands_, {rows, field_->gradient(), transforms, normals_.slice(), true});
-    composite.samples.rgb = {normals_.slice(), 4, 0};  // Σ w n: compositing is linear in its colours
-    composite.colors = composited_normals_.slice();
-    composite.ray_depths = unused_depths_.slice();
-    record_composite_forward(commands_, composite);
-  }
+  shaded_->record_forward(commands_, frame, *samples_, rays, settings_.least_weight, settings_.normals);
   commands_.submit_and_wait();
 
   using Rgba = std::array<float, 4>;
-  const auto colors = device_.download<Rgba>(colors_.slice().sub(0, rays * 16ull));
-  const auto depths = device_.download<float>(ray_depths_.slice().elements(0, rays));
-  const auto normals = settings_.normals ? device_.download<Rgba>(composited_normals_.slice().sub(0, rays * 16ull)) : std::vector<Rgba>{};
+  const auto colors = device_.download<Rgba>(shaded_->colors().sub(0, rays * 16ull));
+  const auto depths = device_.download<float>(shaded_->ray_depths().elements(0, rays));
+  const auto normals = settings_.normals ? device_.download<Rgba>(shaded_->normals().sub(0, rays * 16ull)) : std::vector<Rgba>{};
   for (size_t i = 0; i < rays; ++i) {
     const size_t at = static_cast<size_t>(pixels[i] >> 16) * static_cast<size_t>(picture.width) + (pixels[i] & 0xffff);
     const float alpha = colors[i][3];

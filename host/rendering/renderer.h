@@ -5,8 +5,8 @@
 #include <optional>
 #include <vector>
 
-#include "host/rendering/field.h"
 #include "host/rendering/ray_samples.h"
+#include "host/rendering/shaded_rays.h"
 
 namespace arah {
 
@@ -16,6 +16,7 @@ SamplingSettings picture_sampling(const Avatar& avatar);
 
 struct RenderSettings {
   std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
+  double least_weight = 0;  // samples whose compositing weight is at most this stay black; 0: exact
   bool normals = false;
   uint64_t memory_bytes = 600'000'000;  // of activations: decides how many rays are rendered at a time
 };
@@ -49,9 +50,8 @@ class Renderer {
   AvatarNetworks networks_;
   TemplateOnDevice body_;
   std::optional<RaySamples> samples_;
-  std::optional<Field> field_;
+  std::optional<ShadedRays> shaded_;
   Commands commands_;
-  Buffer colors_, ray_depths_, weights_, transmittances_, normals_, composited_normals_, unused_depths_;
 };
 
 }  // namespace arah

@@ -175,13 +175,13 @@ void PointRootFinder::solve_by_template(Commands& commands, FrameOnDevice& frame
   counts_.converged += found.count;
 }
 
-BufferSlice PointRootFinder::record_transforms(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& canonical) {
+BufferSlice PointRootFinder::record_transforms(Commands& commands, FrameOnDevice& frame, const Rows& points, const BufferSlice& canonical) {
   if (networks_.spec().skinning.kind == Skinning::none) return transforms_.slice();
   if (networks_.spec().skinning.kind == Skinning::template_weights) {
     record_vertex_transforms(commands, {points, frame.constants(), nearest_.slice(), frame.vertices(), transforms_.slice()});
     return transforms_.slice();
   }
-  const Rows rows{{points, {}}, {}};
+  const Rows rows{points.range, {}};  // canonical is by row
   record_normalise_inputs(commands, {rows, frame.constants(), canonical, tape_->input()});
   networks_.skinning().record_forward(commands, *tape_, rows.range);
   LbsArgs lbs;

@@ -33,9 +33,9 @@ class PointRootFinder {
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
 
-  // Three vec4 by point: the rows of Σ_b w_b B_b at the canonical points, whose number and order are those of the last
-  // solve: with template weights the nearest vertices found there decide. Overwritten by the next solve.
-  BufferSlice record_transforms(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& canonical);
+  // Three vec4 by row: the rows of Σ_b w_b B_b at the canonical points, vec4 by row. `rows` says which points of the last
+  // solve they are: with template weights the nearest vertices found there decide. Overwritten by the next solve.
+  BufferSlice record_transforms(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& canonical);
 
   RootFindingCounts counts() const { return counts_; }
   void reset_counts() { counts_ = {}; }

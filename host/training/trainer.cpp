@@ -13,7 +13,6 @@
 #include "host/avatar/avatar_file.h"
 #include "host/input_error.h"
 #include "kernels/compositing/backward.h"
-#include "kernels/compositing/forward.h"
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
 #include "kernels/losses/sdf_penalty.h"
@@ -63,7 +62,7 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       template_samples_(draw_template_samples(avatar_, settings.seed)),
       pass_rays_(rays_of_a_pass(device, avatar_.spec, settings)),
       samples_(device, networks_, pass_rays_, settings.sampling),
-      field_(device, networks_, pass_rays_ * settings.sampling.samples, settings.sampling.samples, true),
+      shaded_(device, networks_, pass_rays_, settings.sampling.samples, true, false),
       eikonal_tape_(device, "eikonal points", networks_.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
       sign_tape_(device, "points inside and outside", networks_.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
   const uint32_t rays = padded_points(pass_rays_), rows = padded_points(pass_rays_ * settings.sampling.samples);
@@ -84,17 +83,13 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
   grid_clamped_ = make("count of clamped gradients", 4, BufferPlace::shared);
   losses_ = make("losses", loss_slots * 4, BufferPlace::shared);
   targets_ = make("photographs", padded_points(settings.rays) * 16ull);
-  colors_ = make("colours", rays * 16ull);
   d_colors_ = make("gradient of colours", rays * 16ull);
-  ray_depths_ = make("depths", rays * 4ull);
-  weights_ = make("weights", rows * 4ull);
-  transmittances_ = make("transmittances", rows * 4ull);
   partials_ = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
   squares_ = make("partial sums of squares", squares_partials(networks_.layout().floats) * sizeof(shared::SquaresPartial));
   const auto& layout_groups = networks_.layout().groups;
   norms_ = make("norms of gradients", layout_groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
   scratch_ = make("partial sums of weight gradients", 4 * std::max({networks_.sdf().weight_gradient_scratch(eikonal_tape_.capacity()), networks_.sdf().weight_gradient_scratch(sign_tape_.capacity()),
-                                                                    skinning_ ? skinning_->scratch_floats() : 64, field_.scratch_floats()}));
+                                                                    skinning_ ? skinning_->scratch_floats() : 64, shaded_.field().scratch_floats()}));
   const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
                                                             {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid}};
   for (const ParameterGroup& group : layout_groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
@@ -223,26 +218,8 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   const uint32_t rays = std::min(pass_rays_, settings_.rays - first);
   samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
   samples_.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
-  Field::Inputs inputs{frame.constants(), samples_.canonical(), samples_.rays(), samples_.rows(rays)};
-  if (avatar_.spec.color.normal) inputs.transforms = samples_.root_finder().record_transforms(commands_, frame, inputs.rows, samples_.canonical());
-  field_.record_forward(commands_, inputs);
-  CompositeForwardArgs composite;
-  composite.samples.rays = rays;
-  composite.samples.samples = samples_.samples();
-  composite.samples.sdf = field_.sdf();
-  composite.samples.metres_per_unit = static_cast<float>(avatar_.cube.metres_per_unit());
-  composite.samples.rgb = field_.rgb();
-  composite.samples.points = samples_.canonical();
-  composite.samples.deltas = samples_.deltas();
-  composite.samples.parameters = networks_.parameters();
-  composite.samples.scale_index = networks_.deviation_index();
-  composite.delta_mode = samples_.delta_mode();
-  composite.depths = samples_.depths();
-  composite.colors = colors_.slice();
-  composite.ray_depths = ray_depths_.slice();
-  composite.weights = weights_.slice();
-  composite.transmittances = transmittances_.slice();
-  record_composite_forward(commands_, composite);
+  shaded_.record_forward(commands_, frame, samples_, rays, settings_.least_weight, false);
+  shaded_samples_ += shaded_.queue().shaded();
 
   // Losses and the way back.
   ImageLossArgs image;
@@ -250,22 +227,24 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   image.normaliser = float(settings_.rays);
   image.color_weight = static_cast<float>(settings_.color_weight);
   image.alpha_weight = static_cast<float>(settings_.alpha_weight);
-  image.colors = colors_.slice();
+  image.colors = shaded_.colors();
   image.targets = targets_.slice().sub(first * 16ull, padded_points(rays) * 16ull);
   image.d_colors = d_colors_.slice();
   image.losses = losses_.slice();
   image.slot = color_slot;
   image.partials = partials_.slice();
   record_image_loss(commands_, image);
+  Field& field = shaded_.field();
   CompositeBackwardArgs back;
-  back.samples = composite.samples;
-  back.transmittances = transmittances_.slice();
-  back.colors = colors_.slice();
+  back.samples = shaded_.composited();
+  back.transmittances = shaded_.transmittances();
+  back.colors = shaded_.colors();
   back.d_colors = d_colors_.slice();
-  back.d_sdf = field_.d_sdf();
-  back.d_rgb = field_.d_rgb();
+  back.d_sdf = field.d_sdf();
+  back.d_rgb = field.d_rgb();
   back.gradients = networks_.gradients();
   back.partials = partials_.slice();
+  field.record_clear_cotangents(commands_, shaded_.queue().shaded());
   record_composite_backward(commands_, back);
   Field::Backward field_back;
   field_back.accumulate = first > 0;
@@ -273,8 +252,8 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   field_back.grid_scale = grid_scale(settings_);
   field_back.grid_sums = grid_sums_.slice();
   field_back.grid_clamped = grid_clamped_.slice();
-  field_.record_backward(commands_, inputs, field_back);
-  if (skinning_step) skinning_->record_from_positions(commands_, frame, inputs.rows, samples_.canonical(), field_.position_gradient(), first > 0, scratch_.slice());
+  field.record_backward(commands_, shaded_.inputs(), field_back);
+  if (skinning_step) skinning_->record_from_positions(commands_, frame, shaded_.inputs().rows, shaded_.inputs().canonical, field.position_gradient(), first > 0, scratch_.slice());
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
@@ -294,6 +273,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   commands_.fill(losses_.slice(), 0);
   networks_.record_pack(commands_, row);
   samples_.root_finder().reset_counts();
+  shaded_samples_ = 0;
   for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, first, skinning_step);
   record_regularisers();
   if (skinning_step) skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
@@ -318,6 +298,7 @@ StepReport Trainer::step(uint64_t steps_left) {
                  settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning;
   report.sdf_norm = norms[0].norm;
   const RootFindingCounts counts = samples_.root_finder().counts();
+  report.shaded = double(shaded_samples_) / double(samples_.rows(settings_.rays));
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
   device_.download(grid_clamped_.slice().elements(0, 1), &report.grid_clamped, 4);
   float b = 0;

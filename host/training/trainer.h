@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "host/avatar/safetensors.h"
-#include "host/rendering/field.h"
 #include "host/rendering/ray_samples.h"
+#include "host/rendering/shaded_rays.h"
 #include "host/training/skinning_gradient.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
@@ -26,6 +26,7 @@ struct StepReport {
   double sdf_norm = 0;  // of the sdf group's gradient before clipping
   double b = 0;         // metres
   double converged = 0;  // share of the samples whose correspondence was found
+  double shaded = 0;     // share of the samples that got a colour, of all places for them
   uint32_t grid_clamped = 0;  // contributions to the grid's gradient that its fixed-point range cut, since the start
 };
 
@@ -79,11 +80,12 @@ class Trainer {
   TemplateSamples template_samples_;
   uint32_t pass_rays_;
   RaySamples samples_;
-  Field field_;
+  ShadedRays shaded_;
   SirenTape eikonal_tape_, sign_tape_;
   std::optional<SkinningGradient> skinning_;
-  Buffer first_moments_, second_moments_, averages_, grid_sums_, grid_clamped_, losses_, targets_, colors_, d_colors_, ray_depths_, weights_, transmittances_, partials_, squares_, norms_, scratch_;
+  Buffer first_moments_, second_moments_, averages_, grid_sums_, grid_clamped_, losses_, targets_, d_colors_, partials_, squares_, norms_, scratch_;
   std::vector<Group> groups_;
+  uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t steps_ = 0;
   double done_ = 0;
   double last_skinning_loss_ = 0;

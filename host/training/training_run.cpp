@@ -67,6 +67,7 @@ ordered_json step_json(const StepReport& r) {
           {"sdf_norm", r.sdf_norm},
           {"b", r.b},
           {"converged", r.converged},
+          {"shaded", r.shaded},
           {"grid_clamped", r.grid_clamped}};
 }
 

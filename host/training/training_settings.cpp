@@ -42,6 +42,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("shell_inner", s.sampling.shell.inner);
   visit("root_max_iterations", s.sampling.root.max_iterations);
   visit("root_tolerance", s.sampling.root.tolerance);
+  visit("least_weight", s.least_weight);
   visit("color_weight", s.color_weight);
   visit("alpha_weight", s.alpha_weight);
   visit("eikonal_weight", s.eikonal_weight);
@@ -141,6 +142,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.mask_fraction = 0.5;
     s.sampling.mode = SamplingMode::surface;
     s.sampling.samples = 64;
+    s.least_weight = 0;
     s.sampling.root.max_iterations = 50;
     s.sampling.root.tolerance = 1e-5f;
     s.eikonal_weight = 50;

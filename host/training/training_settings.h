@@ -30,6 +30,7 @@ struct TrainingSettings {
   uint32_t rays_at_a_time = 0;   // of them, rounded up to a multiple of 64; 0: as many as the device has room for
   double mask_fraction = 0.6;    // of them on the person, the others in the shell around
   SamplingSettings sampling;
+  double least_weight = 1e-3;    // samples whose compositing weight is at most this are black and pass no gradient on; 0: exact
 
   double color_weight = 30, alpha_weight = 1;
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;

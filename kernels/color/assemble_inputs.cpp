@@ -52,10 +52,13 @@ void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args) 
                     args.feature.stride / 4,  args.feature.column / 4};
   const uint32_t points = padded_points(args.points);
   const uint32_t head_groups = divided_up(row.feature_column(), group);
-  const uint32_t rays = padded_points(divided_up(args.points, args.samples_per_ray));
+  const bool indexed = !args.samples.empty();
+  const uint32_t rays = padded_points(divided_up(indexed ? args.sample_count : args.points, args.samples_per_ray));
 
+  std::vector<uint32_t> constant_words = specialization(row);
+  constant_words.push_back(indexed);
   Launch launch;
-  launch.pipeline = &commands.device().pipeline("color/assemble_inputs", specialization(row));
+  launch.pipeline = &commands.device().pipeline("color/assemble_inputs", constant_words);
   launch.name = "colour inputs";
   launch.groups = {points / points_a_workgroup, 1 + divided_up(constants.row_groups - head_groups, groups_a_block), 1};
   launch.bindings = {{args.frame, sizeof(FrameConstants)},
@@ -64,7 +67,8 @@ void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args) 
                      row.normal ? Binding{args.normals, points * uint64_t(16)} : Binding{args.canonical},
                      row.feature_channels > 0 ? Binding{args.feature.slice, matrix_bytes(args.feature, args.points)}
                                               : Binding{args.canonical},
-                     {args.rows.slice, matrix_bytes(args.rows, args.points)}};
+                     {args.rows.slice, matrix_bytes(args.rows, args.points)},
+                     indexed ? Binding{args.samples, points * uint64_t(4)} : Binding{args.canonical}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   launch.cost = {

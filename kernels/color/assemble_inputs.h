@@ -25,7 +25,7 @@ struct ColorRow {
 struct AssembleInputsArgs {
   ColorRow row;
   uint32_t points = 0;           // rows; all of padded_points(points) are written
-  uint32_t samples_per_ray = 1;  // row p belongs to ray p / samples_per_ray
+  uint32_t samples_per_ray = 1;  // sample s belongs to ray s / samples_per_ray
   BufferSlice frame;             // FrameConstants
   BufferSlice canonical;         // vec4 [padded points]: x in metres; w unused
   BufferSlice rays;              // Ray [padded rays]; read with row.view, else may be empty
@@ -33,6 +33,8 @@ struct AssembleInputsArgs {
   Matrix feature;                // [points][feature_channels]; empty where feature_channels is 0
   Matrix rows;                   // [points][channels]
   uint32_t channels = 0;  // of a row with its grid columns; columns from grid_column() to the padded width become 0
+  BufferSlice samples = {};   // uint32 [padded points]: the sample that row p is of; empty: p
+  uint32_t sample_count = 0;  // with `samples`: how many samples these are of
 };
 // Throws std::invalid_argument where `channels` is less than the parts need or a matrix is too narrow.
 void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args);

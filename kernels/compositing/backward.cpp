@@ -18,17 +18,18 @@ void record_composite_backward(Commands& commands, const CompositeBackwardArgs& 
           fmt::format("compositing backward: a gradient's stride, column or width is {}, "
                       "multiples of 4 expected",
                       number));
-  const uint32_t padded = padded_points(s.rays * s.samples);
+  const bool by_slot = !s.slots.empty();
+  const uint32_t padded = padded_points(by_slot ? s.slot_count : s.rays * s.samples);
   const uint64_t rows = uint64_t(s.rays) * s.samples;
   const shared::CompositeBackwardConstants constants{composite_constants(s, 0), args.d_sdf.stride, args.d_sdf.column,
                                                      args.d_rgb.stride,         args.d_rgb.column, padded};
   Launch launch;
   launch.pipeline =
-      &commands.device().pipeline("compositing/backward", {args.d_sdf_columns / 4, args.d_rgb_columns / 4});
+      &commands.device().pipeline("compositing/backward", {args.d_sdf_columns / 4, args.d_rgb_columns / 4, by_slot ? shared::SHADING_BY_SLOT : shared::SHADING_BY_ROW});
   launch.name = "compositing backward";
   launch.groups = {padded_points(s.rays) / point_padding, 1, 1};
   launch.bindings = {{s.sdf.slice, rows * s.sdf.stride * 4},
-                     {s.rgb.slice, rows * s.rgb.stride * 4},
+                     {s.rgb.slice, rgb_bytes(s)},
                      {s.points, rows * 16},
                      {s.deltas, rows * 4},
                      {s.parameters, (uint64_t(s.scale_index) + 1) * 4},
@@ -37,7 +38,8 @@ void record_composite_backward(Commands& commands, const CompositeBackwardArgs& 
                      {args.d_colors, uint64_t(s.rays) * 16},
                      {args.d_sdf.slice, uint64_t(padded) * args.d_sdf.stride * 4},
                      {args.d_rgb.slice, uint64_t(padded) * args.d_rgb.stride * 4},
-                     {args.partials, partial_bytes(s.rays)}};
+                     {args.partials, partial_bytes(s.rays)},
+                     by_slot ? Binding{s.slots, rows * 4} : Binding{s.deltas}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   launch.cost = {static_cast<double>(rows) * 80,

@@ -12,7 +12,8 @@ struct CompositeBackwardArgs {
   BufferSlice colors;          // [rays] vec4 of the forward run
   BufferSlice d_colors;        // [rays] vec4: dL/d(rgb, Σ w)
   // out (=): dL/d(sdf network's value) in the first column, 0 in the other written columns and in padding rows; 0 for
-  // skipped samples. Stride, column and d_sdf_columns are multiples of 4.
+  // skipped samples. Stride, column and d_sdf_columns are multiples of 4. By row, or by slot where samples.slots is given:
+  // then padding rows stay as they are, and so does, by no_slot, what the samples that are not shaded would have got.
   Matrix d_sdf;
   uint32_t d_sdf_columns = channel_padding;  // written, from d_sdf.column on
   Matrix d_rgb;                              // out (=): dL/drgb in 3 columns; otherwise as d_sdf

@@ -20,6 +20,10 @@ struct CompositeForwardArgs {
   BufferSlice ray_depths;        // out: [padded_points(rays)] float Σ w z, metres; not divided by Σ w
   BufferSlice weights;           // out: [rows] float
   BufferSlice transmittances;    // out: [rows] float, before each sample; for the way back
+  // Given: nothing is shaded yet. samples.rgb and slots are not read, colors get black and Σ w, and flags [rows] uint
+  // become 1 where the weight exceeds least_weight: the samples that are worth a colour.
+  BufferSlice flags;
+  float least_weight = 0;
 };
 
 void record_composite_forward(Commands& commands, const CompositeForwardArgs& args);

@@ -11,11 +11,17 @@ struct CompositeSamples {
   uint32_t samples = 0;       // of each ray, at most 30,000
   Matrix sdf;                 // its first column: the sdf network's value. Strides and columns are multiples of 4
   float metres_per_unit = 1;  // of that value
-  Matrix rgb;                 // 3 columns, [0, 1]
+  Matrix rgb;                 // by row, or by slot where `slots` is given: 3 columns, [0, 1]
   BufferSlice points;         // [rows] vec4; w = 0: the sample is skipped, whatever its numbers
   BufferSlice deltas;         // [rows] float, metres
   BufferSlice parameters;     // float
   uint32_t scale_index = 0;   // of b's free parameter among them; b = |parameter| clipped to [1e-6, 1e6] metres
+  // Where only some samples are shaded: [rows] uint, a sample's place in their queue, no_slot for the others, which are
+  // black but absorb. Empty: all rows are shaded.
+  BufferSlice slots;
+  uint32_t slot_count = 0;  // length of the queue
 };
+
+inline constexpr uint32_t no_slot = 0xffffffff;
 
 }  // namespace arah

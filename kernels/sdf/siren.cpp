@@ -25,7 +25,13 @@ SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& 
   };
   want(input_, narrow);
   want(sdf_, narrow);
-  want_all(sine_);
+  Matrix turns[2];
+  if (holds == Holds::values) {
+    sine_.resize(shape.sine_layers);
+    for (Matrix& matrix : turns) want(matrix, width);
+  } else {
+    want_all(sine_);
+  }
   if (holds != Holds::values) {
     want_all(cosine_);
     want(gradient_, narrow);
@@ -47,6 +53,8 @@ SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& 
     buffers_.emplace_back(device, fmt::format("{} {}", name, buffers_.size()), uint64_t(capacity_) * channels * 4, BufferPlace::device);
     *matrix = {buffers_.back().slice(), channels, 0};
   }
+  if (holds == Holds::values)
+    for (size_t l = 0; l < sine_.size(); ++l) sine_[l] = turns[l % 2];
   Commands zero(device);
   for (Buffer& buffer : buffers_) zero.fill(buffer.slice(), 0);
   zero.submit_and_wait();

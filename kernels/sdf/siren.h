@@ -22,7 +22,7 @@ struct SirenShape {
 class SirenTape {
  public:
   enum class Holds { values, first_order, second_order };
-  // values: forward only. first_order: also what the gradient ∂f/∂n, and the backward pass without a cotangent on it, need.
+  // values: forward only, two layers' activations at a time. first_order: also what the gradient ∂f/∂n, and the backward pass without a cotangent on it, need.
   // second_order: also what a cotangent on the gradient needs.
   SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds);
 

@@ -34,16 +34,17 @@ void record_accept_traced(Commands& commands, const AcceptTracedArgs& args) {
 }
 
 void record_vertex_transforms(Commands& commands, const VertexTransformsArgs& args) {
+  const uint32_t rows = args.rows.range.points;
   Launch launch;
-  launch.pipeline = &commands.device().pipeline("tracing/vertex_transforms");
+  launch.pipeline = &commands.device().pipeline("tracing/vertex_transforms", rows_specialization(args.rows));
   launch.name = "transforms of the nearest vertices";
-  launch.groups = {padded_points(args.points) / point_padding, 1, 1};
   launch.bindings = {{args.frame, sizeof(FrameConstants)},
-                     {args.nearest, uint_bytes(args.points)},
+                     {args.nearest, args.rows.ids.empty() ? uint_bytes(rows) : 4},
                      args.target.joints,
                      args.target.weights,
-                     {args.transforms, 3 * vec4_bytes(args.points)}};
-  launch.cost = {120.0 * args.points, 270.0 * args.points};
+                     {args.transforms, 3 * vec4_bytes(rows)}};
+  add_rows(launch, args.rows, args.frame);
+  launch.cost = {120.0 * rows, 270.0 * rows};
   commands.dispatch(launch);
 }
 

@@ -26,11 +26,11 @@ struct AcceptTracedArgs {
 void record_accept_traced(Commands& commands, const AcceptTracedArgs& args);
 
 struct VertexTransformsArgs {
-  uint32_t points = 0;
+  Rows rows;
   BufferSlice frame;       // FrameConstants
   BufferSlice nearest;     // uint32 by point: a vertex, also in the padding
   PosedVertices target;    // its joints and weights are read
-  BufferSlice transforms;  // out, three vec4 by point: the rows of Σ_k w_k B_k / Σ_k w_k
+  BufferSlice transforms;  // out, three vec4 by row: the rows of Σ_k w_k B_k / Σ_k w_k
 };
 void record_vertex_transforms(Commands& commands, const VertexTransformsArgs& args);
 

@@ -19,6 +19,8 @@ layout(binding = 2, rgba32f) uniform readonly imageBuffer rays;  // two texels a
 layout(binding = 3, rgba32f) uniform readonly imageBuffer normals;
 layout(binding = 4, rgba32f) uniform readonly imageBuffer features;
 layout(binding = 5, scalar) restrict writeonly buffer Rows { u64vec4 rows[]; };
+layout(binding = 6, scalar) restrict readonly buffer Samples { uint samples[]; };  // by point; with INDEXED
+layout(constant_id = 3) const bool INDEXED = false;
 layout(push_constant, scalar) uniform Constants {
   uint samples_per_ray;
   uint row_stride, row_column;          // groups of 8 floats
@@ -42,7 +44,8 @@ void write_head(int point, int feature_base, int row_base) {
   const vec3 x = imageLoad(canonical, point).xyz * frame.cube_scale + frame.cube_offset;
   [[unroll]] for (int i = 0; i < 3; ++i) head[i] = x[i];
   if (VIEW != 0) {
-    const vec3 v = -imageLoad(rays, 2 * (point / int(samples_per_ray)) + 1).xyz;
+    const int sample_index = INDEXED ? int(samples[point]) : point;
+    const vec3 v = -imageLoad(rays, 2 * (sample_index / int(samples_per_ray)) + 1).xyz;
     [[unroll]] for (int i = 0; i < 3; ++i) head[VIEW_AT + i] = v[i];
     [[unroll]] for (int octave = 0; octave < OCTAVES; ++octave) {
       vec4 c;

@@ -2,7 +2,8 @@
 // near; without division by 1 − α, so that opaque rays have finite gradients:
 //   dL/dα = T (g − A),   A ← g α + (1 − α + 1e-7) A,   g = dL/dw = dL/drgb · c + dL/dΣw (where the clip lets it pass).
 // Writes (=) the gradients of sdf and colour, channels beyond theirs and padding rows as 0; leaves each workgroup's sum
-// of dL/dparameter of b in `partials`.
+// of dL/dparameter of b in `partials`. Where colours are by slot (shaders/compositing/forward.comp), so are the gradients;
+// samples without a slot, black going forward, pass none on, but absorb and count for b as the others do.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -14,6 +15,7 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint d_sdf_quads = 2;  // channels / 4 that are written
 layout(constant_id = 1) const uint d_rgb_quads = 2;
+layout(constant_id = 2) const uint shading = SHADING_BY_ROW;
 
 layout(push_constant, scalar) uniform Constants { CompositeBackwardConstants c; };
 layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
@@ -27,6 +29,7 @@ layout(binding = 7, scalar) readonly buffer DColors { vec4 d_colors[]; };
 layout(binding = 8, scalar) writeonly buffer DSdf { vec4 d_sdf[]; };
 layout(binding = 9, scalar) writeonly buffer DRgb { vec4 d_rgb[]; };
 layout(binding = 10, scalar) writeonly buffer Partials { float partials[]; };
+layout(binding = 11, scalar) readonly buffer Slots { uint slots[]; };
 
 void main() {
   uint ray = gl_GlobalInvocationID.x;
@@ -60,14 +63,16 @@ void main() {
     float passing = exp(-optical_depth);
     float alpha = -stable_expm1(-optical_depth);
     float transmittance = transmittances[read];
-    vec3 of_sample = imageLoad(rgb, int(read * rgb_stride + rgb_column)).xyz;
+    uint row = shading == SHADING_BY_SLOT ? (real ? slots[read] : NO_SLOT) : ray * samples + k - 1u;
+    uint colored = shading == SHADING_BY_SLOT ? (row == NO_SLOT ? 0u : row) : read;
+    vec3 of_sample = imageLoad(rgb, int(colored * rgb_stride + rgb_column)).xyz;
+    of_sample = row == NO_SLOT ? vec3(0.0) : of_sample;
     float of_weight = dot(upstream.xyz, of_sample) + of_sum;
     float of_density = transmittance * (of_weight - behind) * delta * passing;
     behind = valid ? of_weight * alpha + (passing + 1e-7) * behind : behind;
     d_b += valid ? of_density * density.d_b : 0.0;
     vec4 sdf_gradient = valid ? vec4(metres * of_density * density.d_sdf, 0.0, 0.0, 0.0) : vec4(0.0);
     vec4 rgb_gradient = valid ? vec4(alpha * transmittance * upstream.xyz, 0.0) : vec4(0.0);
-    uint row = ray * samples + k - 1u;
     if (row < rows) {
       d_sdf[row * d_sdf_stride + d_sdf_column] = sdf_gradient;
       for (uint quad = 1u; quad < d_sdf_quads; ++quad) d_sdf[row * d_sdf_stride + d_sdf_column + quad] = vec4(0.0);

@@ -4,6 +4,8 @@
 // w and T (before the sample; the way back needs it). Invalid samples neither absorb nor count.
 // Where δ are differences of depths, a first walk from far to near writes them: to the next valid sample, `last_delta`
 // for the last one.
+// Colours (the constant `shading`): one a row; or one a slot of the queue of shaded samples, black for those that are not
+// in it; or none yet: then the samples whose weight exceeds `least_weight` are flagged, to make that queue.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -13,6 +15,7 @@
 
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint deltas_are_differences = 0;
+layout(constant_id = 1) const uint shading = SHADING_BY_ROW;
 
 layout(push_constant, scalar) uniform Constants { CompositeConstants c; };
 layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
@@ -25,6 +28,8 @@ layout(binding = 6, scalar) writeonly buffer Colors { vec4 colors[]; };
 layout(binding = 7, scalar) writeonly buffer RayDepths { float ray_depths[]; };
 layout(binding = 8, scalar) writeonly buffer Weights { float weights[]; };
 layout(binding = 9, scalar) writeonly buffer Transmittances { float transmittances[]; };
+layout(binding = 10, scalar) readonly buffer Slots { uint slots[]; };     // by row; NO_SLOT: not shaded
+layout(binding = 11, scalar) writeonly buffer Flags { uint flags[]; };  // by row
 
 void main() {
   uint ray = gl_GlobalInvocationID.x;
@@ -36,6 +41,7 @@ void main() {
   uint rgb_stride = c.rgb_stride / 4u;
   uint rgb_column = c.rgb_column / 4u;
   float metres = c.metres_per_unit;
+  float least_weight = c.least_weight;
   float b = laplace_scale(parameters[c.scale_index]);
 
   if (deltas_are_differences != 0u) {
@@ -64,12 +70,19 @@ void main() {
     float alpha = valid ? -stable_expm1(-optical_depth) : 0.0;
     float through = valid ? exp(-optical_depth) + 1e-7 : 1.0;
     float weight = alpha * transmittance;
-    vec3 of_sample = imageLoad(rgb, int(row * rgb_stride + rgb_column)).xyz;
+    vec3 of_sample = vec3(0.0);
+    if (shading == SHADING_BY_ROW) of_sample = imageLoad(rgb, int(row * rgb_stride + rgb_column)).xyz;
+    if (shading == SHADING_BY_SLOT) {
+      uint slot = slots[row];
+      vec3 shaded = imageLoad(rgb, int((slot == NO_SLOT ? 0u : slot) * rgb_stride + rgb_column)).xyz;
+      of_sample = slot == NO_SLOT ? vec3(0.0) : shaded;
+    }
     color += valid ? weight * vec4(of_sample, 1.0) : vec4(0.0);
     ray_depth += valid ? weight * depths[row] : 0.0;
     if (real) {
       weights[row] = weight;
       transmittances[row] = transmittance;
+      if (shading == SHADING_SELECTS) flags[row] = weight > least_weight ? 1u : 0u;
     }
     transmittance *= through;
   }

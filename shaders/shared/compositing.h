@@ -6,6 +6,12 @@
 namespace arah::shared {
 #endif
 
+// How samples get their colours: see shaders/compositing/forward.comp.
+const uint SHADING_BY_ROW = 0u;
+const uint SHADING_BY_SLOT = 1u;
+const uint SHADING_SELECTS = 2u;
+const uint NO_SLOT = 0xffffffffu;
+
 struct CompositeConstants {
   uint rays;
   uint samples;     // of each ray
@@ -16,6 +22,7 @@ struct CompositeConstants {
   uint scale_index;       // of b's free parameter among the parameters
   float metres_per_unit;  // of the sdf network
   float last_delta;       // metres
+  float least_weight;     // of a sample that is flagged to be shaded: more than this
 };
 
 struct CompositeBackwardConstants {
@@ -28,8 +35,8 @@ struct CompositeBackwardConstants {
 };
 
 #ifdef __cplusplus
-static_assert(sizeof(CompositeConstants) == 36);
-static_assert(sizeof(CompositeBackwardConstants) == 56);
+static_assert(sizeof(CompositeConstants) == 40);
+static_assert(sizeof(CompositeBackwardConstants) == 60);
 }  // namespace arah::shared
 #endif
 #endif

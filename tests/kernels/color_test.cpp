@@ -103,6 +103,23 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
       ASSERT_TRUE(std::isnan(rows[p * stride + c])) << "column " << c;
   }
 
+  // Rows of a queue: row p is sample points - 1 - p, whose ray alone depends on that.
+  if (row.view) {
+    std::vector<uint32_t> reversed(padded, 0);
+    for (uint32_t p = 0; p < points; ++p) reversed[p] = points - 1 - p;
+    Buffer sample_buffer = filled("samples", reversed);
+    args.samples = sample_buffer.slice();
+    args.sample_count = points;
+    record_assemble_inputs(commands, args);
+    commands.submit_and_wait();
+    for (uint32_t p = 0; p < points; ++p)
+      for (uint32_t i = 0; i < 3; ++i)
+        inputs.view[3 * p + i] = -double(rays[reversed[p] / samples].direction[i]);
+    expect_close("rows of a queue",
+                 columns(device.download<float>(row_buffer.slice()), points, stride, column, padded_channels(channels)),
+                 reference::color_input(points, inputs), 3e-7);
+  }
+
   const std::vector<float> d_rows = uniform(padded * stride);
   Buffer d_row_buffer = filled("d rows", d_rows),
          d_position = filled("d position", std::vector<float>(padded * 4, nan));

@@ -1,9 +1,11 @@
 // Alpha compositing on the device, both ways, against double precision and the golden tensors.
 #include "kernels/reference/compositing.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "kernels/compositing/backward.h"
+#include "kernels/compositing/fill_queue.h"
 #include "kernels/compositing/forward.h"
 #include "kernels/reduction/sum.h"
 #include "kernels/reference/density.h"
@@ -72,6 +74,108 @@ class Compositing : public DeviceTest {
       batch.mask.push_back(generator() % 5 != 0);
     }
     return batch;
+  }
+
+  // As run, but only the samples whose weight exceeds `threshold` have colours and gradients, by slot in random order.
+  struct QueueResult {
+    Result result;                 // d_sdf and d_rgb by row, 0 without a slot
+    std::vector<uint32_t> flags;   // by row
+    std::vector<uint32_t> samples; // by slot: the row
+  };
+  QueueResult run_by_slot(const Batch& batch, bool differences, float threshold) {
+    const uint32_t rows = static_cast<uint32_t>(batch.rows()), padded = padded_points(rows);
+    std::vector<float> sdf(4 * padded, NAN), points(4 * padded, 0.0F), deltas = batch.deltas;
+    for (size_t i = 0; i < rows; ++i) {
+      if (batch.mask[i]) sdf[4 * i] = batch.sdf[i];
+      points[4 * i] = static_cast<float>(i), points[4 * i + 3] = batch.mask[i];
+    }
+    deltas.resize(padded, NAN);
+    if (differences) std::fill(deltas.begin(), deltas.end(), NAN);
+    Buffer sdf_buffer = filled("sdf", sdf), point_buffer = filled("points", points),
+           depth_buffer = filled("depths", batch.depths), delta_buffer = filled("deltas", deltas),
+           parameters = filled("parameters", std::vector<float>{7, 7, batch.parameter, 7}),
+           gradients = filled("gradients", std::vector<float>{5, 5, 5, 5}),
+           upstream = filled("d colours", batch.d_colors), colors = empty("colours", padded_points(batch.rays) * 16),
+           ray_depths = empty("ray depths", padded_points(batch.rays) * 4), weights = empty("weights", padded * 4),
+           transmittances = empty("transmittances", padded * 4), flags = filled("flags", std::vector<uint32_t>(rows, 7)),
+           slots = empty("slots", padded * 4), queued = empty("queued", padded * 16), partials = empty("partials", 256);
+    CompositeForwardArgs forward;
+    forward.samples.rays = batch.rays;
+    forward.samples.samples = batch.samples;
+    forward.samples.sdf = {sdf_buffer.slice(), 4, 0};
+    forward.samples.metres_per_unit = batch.metres_per_unit;
+    forward.samples.points = point_buffer.slice();
+    forward.samples.deltas = delta_buffer.slice();
+    forward.samples.parameters = parameters.slice();
+    forward.samples.scale_index = 2;
+    forward.delta_mode = differences ? DeltaMode::differences : DeltaMode::given;
+    forward.depths = depth_buffer.slice();
+    forward.colors = colors.slice();
+    forward.ray_depths = ray_depths.slice();
+    forward.weights = weights.slice();
+    forward.transmittances = transmittances.slice();
+    forward.flags = flags.slice();
+    forward.least_weight = threshold;
+    record_composite_forward(commands, forward);
+    commands.submit_and_wait();
+
+    QueueResult found;
+    found.flags = device.download<uint32_t>(flags.slice().elements(0, rows));
+    for (uint32_t row = 0; row < rows; ++row)
+      if (found.flags[row]) found.samples.push_back(row);
+    std::shuffle(found.samples.begin(), found.samples.end(), generator);
+    const uint32_t count = static_cast<uint32_t>(found.samples.size()), room = padded_points(std::max(count, 1u));
+    std::vector<uint32_t> listed = found.samples;
+    listed.resize(room, 0xffffffffu);  // no row: padding is not to be followed
+    std::vector<float> rgb(16 * room, NAN), nothing(16 * room, NAN);
+    for (size_t slot = 0; slot < count; ++slot)
+      for (size_t c = 0; c < 3; ++c) rgb[16 * slot + 8 + c] = batch.rgb[3 * found.samples[slot] + c];
+    Buffer list = filled("list", listed), rgb_buffer = filled("rgb", rgb), d_sdf = filled("d sdf", nothing),
+           d_rgb = filled("d rgb", nothing);
+    record_fill_queue(commands, {count, rows, list.slice(), point_buffer.slice(), queued.slice(), slots.slice()});
+    forward.flags = {};
+    forward.delta_mode = DeltaMode::given;
+    forward.samples.rgb = {rgb_buffer.slice(), 16, 8};
+    forward.samples.slots = slots.slice();
+    forward.samples.slot_count = std::max(count, 1u);
+    record_composite_forward(commands, forward);
+    CompositeBackwardArgs backward;
+    backward.samples = forward.samples;
+    backward.transmittances = transmittances.slice();
+    backward.colors = colors.slice();
+    backward.d_colors = upstream.slice();
+    backward.d_sdf = {d_sdf.slice(), 16, 8};
+    backward.d_rgb = {d_rgb.slice(), 8, 0};
+    backward.gradients = gradients.slice();
+    backward.partials = partials.slice();
+    record_composite_backward(commands, backward);
+    commands.submit_and_wait();
+
+    const auto queue = device.download<float>(queued.slice());
+    const auto places = device.download<uint32_t>(slots.slice().elements(0, rows));
+    for (uint32_t slot = 0; slot < room; ++slot) {
+      EXPECT_EQ(queue[4 * slot], slot < count ? static_cast<float>(found.samples[slot]) : 0) << slot;
+      EXPECT_EQ(queue[4 * slot + 3], slot < count ? 1 : 0) << slot;
+    }
+    const auto color = device.download<float>(colors.slice()), depth = device.download<float>(ray_depths.slice()),
+               weight = device.download<float>(weights.slice()), sdf_gradient = device.download<float>(d_sdf.slice()),
+               rgb_gradient = device.download<float>(d_rgb.slice());
+    for (size_t ray = 0; ray < batch.rays; ++ray) {
+      found.result.color.insert(found.result.color.end(), &color[4 * ray], &color[4 * ray + 3]);
+      found.result.sums.push_back(color[4 * ray + 3]);
+      found.result.depths.push_back(depth[ray]);
+    }
+    for (size_t row = 0; row < rows; ++row) {
+      const uint32_t slot = places[row];
+      EXPECT_EQ(slot == no_slot, found.flags[row] == 0) << row;
+      if (slot != no_slot) EXPECT_EQ(found.samples.at(slot), row);
+      found.result.weights.push_back(weight[row]);
+      found.result.d_sdf.push_back(slot == no_slot ? 0 : sdf_gradient[16 * slot + 8]);
+      for (size_t c = 0; c < 3; ++c) found.result.d_rgb.push_back(slot == no_slot ? 0 : rgb_gradient[8 * slot + c]);
+    }
+    for (size_t i = count; i < room; ++i) EXPECT_TRUE(std::isnan(sdf_gradient[16 * i + 8])) << "padding was written";
+    found.result.d_parameter = device.download<float>(gradients.slice())[2] - 5.0;
+    return found;
   }
 
   // Runs both ways. Activations have a stride of 16 and lie at column 8, the sdf is the x of a vec4 array; gradients
@@ -186,6 +290,36 @@ TEST_F(Compositing, BothWaysAndBothKindsOfDeltaFollowTheReference) {
       double scale = 0;  // the sum over samples of what adds up to it
       for (double x : truth.d_sdf) scale += std::abs(x);
       EXPECT_NEAR(actual.d_parameter, truth.d_parameter, 4e-5 * std::max(scale, 1.0)) << shape.rays;
+    }
+}
+
+// What is not shaded is black but absorbs: the truth with its colours set to zero.
+TEST_F(Compositing, AQueueOfTheHeavySamplesFollowsTheReference) {
+  for (const bool differences : {false, true})
+    for (const float threshold : {0.0F, 0.02F, 2.0F}) {
+      Batch batch = random_batch(65, 20, 0.01F);
+      const QueueResult actual = run_by_slot(batch, differences, threshold);
+      const Result weighed = truth_of(batch, differences);
+      for (size_t row = 0; row < batch.rows(); ++row) {
+        if (std::abs(weighed.weights[row] - threshold) > 1e-6)
+          EXPECT_EQ(actual.flags[row], weighed.weights[row] > threshold ? 1u : 0u) << row << ": weight " << weighed.weights[row];
+        if (!actual.flags[row]) std::fill_n(&batch.rgb[3 * row], 3, 0.0F);
+      }
+      Result truth = truth_of(batch, differences);
+      for (size_t row = 0; row < batch.rows(); ++row)
+        if (!actual.flags[row]) truth.d_sdf[row] = 0, std::fill_n(&truth.d_rgb[3 * row], 3, 0.0);
+      const std::string label = "queue above " + std::to_string(threshold);
+      std::printf("  %s: %zu of %zu samples\n", label.c_str(), actual.samples.size(), batch.rows());
+      golden::expect_close(label + " colour", actual.result.color, truth.color, 4e-6);
+      golden::expect_close(label + " weights sum", actual.result.sums, truth.sums, 4e-6);
+      golden::expect_close(label + " depth", actual.result.depths, truth.depths, 1e-5);
+      golden::expect_close(label + " weights", actual.result.weights, truth.weights, 4e-6);
+      golden::expect_close(label + " d sdf", actual.result.d_sdf, truth.d_sdf, 1e-5 * std::max(largest(truth.d_sdf), 1e-3));
+      golden::expect_close(label + " d rgb", actual.result.d_rgb, truth.d_rgb, 4e-6);
+      double scale = 0;
+      for (double x : weighed.d_sdf) scale += std::abs(x);
+      EXPECT_NEAR(actual.result.d_parameter, truth.d_parameter, 4e-5 * std::max(scale, 1.0));
+      EXPECT_EQ(actual.samples.empty(), threshold > 1);
     }
 }
 

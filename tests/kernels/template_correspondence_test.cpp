@@ -66,7 +66,7 @@ TEST_F(TemplateCorrespondence, TransformsBlendTheNearestVertexsBones) {
   PosedVertices target;
   target.joints = joint_buffer.slice();
   target.weights = weight_buffer.slice();
-  record_vertex_transforms(commands, {points, frame.slice(), nearest_buffer.slice(), target, transform_buffer.slice()});
+  record_vertex_transforms(commands, {{{points, {}}, {}}, frame.slice(), nearest_buffer.slice(), target, transform_buffer.slice()});
   commands.submit_and_wait();
   std::vector<double> truth;
   for (uint32_t p = 0; p < padded; ++p) {
@@ -80,6 +80,18 @@ TEST_F(TemplateCorrespondence, TransformsBlendTheNearestVertexsBones) {
     }
   }
   expect_close("transforms", as_doubles(device.download<float>(transform_buffer.slice())), truth, 2e-6);
+
+  // Rows of a queue: row r is point ids[r].
+  std::vector<uint32_t> ids(padded);
+  std::vector<double> turned;
+  for (uint32_t r = 0; r < padded; ++r) {
+    ids[r] = (7 * r + 3) % points;
+    turned.insert(turned.end(), truth.begin() + 12l * ids[r], truth.begin() + 12l * ids[r] + 12);
+  }
+  Buffer id_buffer = filled("ids", ids);
+  record_vertex_transforms(commands, {{{points, {}}, id_buffer.slice()}, frame.slice(), nearest_buffer.slice(), target, transform_buffer.slice()});
+  commands.submit_and_wait();
+  expect_close("transforms of a queue", as_doubles(device.download<float>(transform_buffer.slice())), turned, 2e-6);
 }
 
 }  // namespace

@@ -77,7 +77,7 @@ class ColorGradients : public DeviceTest {
     ray_samples.place(commands, frame, ray_count, {true, 4, 2, 0});
     const uint64_t bytes = uint64_t(padded_points(rows)) * 16;
     commands.copy(ray_samples.canonical().sub(0, bytes), canonical.slice());
-    commands.copy(ray_samples.root_finder().record_transforms(commands, frame, rows, ray_samples.canonical()).sub(0, 3 * bytes), transforms.slice());
+    commands.copy(ray_samples.root_finder().record_transforms(commands, frame, {{rows, {}}, {}}, ray_samples.canonical()).sub(0, 3 * bytes), transforms.slice());
     commands.submit_and_wait();
     found = device.download<float>(canonical.slice());
     // Where the samples lie in posed space, for searches with other skinning parameters.

@@ -60,7 +60,7 @@ class TrainerTest : public DeviceTest {
 
 std::vector<double> numbers(const StepReport& r) {
   return {double(r.step), r.color, r.alpha, r.eikonal, r.off_surface, r.inside, r.skinning, r.total, r.sdf_norm, r.b,
-          r.converged};
+          r.converged, r.shaded};
 }
 
 void expect_same(const std::vector<StepReport>& a, const std::vector<StepReport>& b) {

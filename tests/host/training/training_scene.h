@@ -49,6 +49,7 @@ inline TrainingSettings small_settings() {
   settings.sampling.samples = 7;
   settings.sampling.shell = {.cell = 0.03, .margin = 0.1, .outer = 0.055, .inner = 0.03};
   settings.sampling.root.max_iterations = 12;
+  settings.least_weight = 0;
   settings.color_weight = 30;
   settings.alpha_weight = 1;
   settings.eikonal_weight = 10;

@@ -1,0 +1,42 @@
+// Rays with their samples placed → colours, depths and, where wanted, normals: distances at all samples, the weights that
+// follow from them, the rest of the field at the samples that are worth it, compositing. What rendering and training share.
+#pragma once
+
+#include "host/rendering/field.h"
+#include "host/rendering/ray_samples.h"
+#include "host/rendering/shading_queue.h"
+#include "kernels/compositing/samples.h"
+
+namespace arah {
+
+class ShadedRays {
+ public:
+  // rays: at a time, `samples` of each. normals: room for them.
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, bool with_gradients, bool normals);
+
+  // Shades the samples of `placed`, those whose compositing weight exceeds least_weight; the others are black but absorb. 0
+  // leaves out nothing but weights that are 0 in float32: then no colour changes.
+  // Records and submits: on return all but the last launches are done, and these are recorded.
+  void record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, double least_weight, bool normals);
+
+  BufferSlice colors() { return colors_.slice(); }          // vec4 by ray: rgb on black, Σ w
+  BufferSlice ray_depths() { return ray_depths_.slice(); }  // float by ray: Σ w z, metres
+  BufferSlice normals() { return composited_normals_.slice(); }  // vec4 by ray: Σ w n, world axes; after a call with normals
+
+  // What the way back reads: the composited samples, and the field with the rows that it was evaluated at.
+  const CompositeSamples& composited() const { return composited_; }
+  BufferSlice transmittances() { return transmittances_.slice(); }  // float by sample
+  Field& field() { return field_; }
+  const Field::Inputs& inputs() const { return inputs_; }
+  const ShadingQueue& queue() const { return queue_; }
+
+ private:
+  AvatarNetworks& networks_;
+  Field field_;
+  ShadingQueue queue_;
+  CompositeSamples composited_;
+  Field::Inputs inputs_;
+  Buffer colors_, ray_depths_, weights_, transmittances_, normals_, composited_normals_, unused_depths_;
+};
+
+}  // namespace arah
