@@ -13,6 +13,28 @@ void add_device_option(CLI::App& command, DeviceOptions& device) {
                      "Vulkan device: its number or part of its name, see arah devices (default: the best one)");
 }
 
+RenderSettings QualityOptions::settings(const Avatar& avatar) const {
+  RenderSettings settings = render_preset(avatar, preset);
+  for (const std::string& assignment : knobs) {
+    const std::size_t equals = assignment.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw InputError("--set", "", "KNOB=VALUE", "'" + assignment + "'", "For instance: --set samples=16");
+    set_render_knob(settings, assignment.substr(0, equals), assignment.substr(equals + 1));
+  }
+  return settings;
+}
+
+void add_quality_options(CLI::App& command, QualityOptions& quality) {
+  command
+      .add_option("--quality", quality.preset,
+                  "paper (exact), balanced, fast or preview: what is given up for speed; arah tradeoff measures it")
+      ->check(CLI::IsMember(render_presets()))
+      ->capture_default_str();
+  command.add_option("--set", quality.knobs,
+                     "KNOB=VALUE, any number of times: sampling_mode, samples, shell_bound, root_tolerance, "
+                     "root_max_iterations, root_correspondence, least_weight, pixel_step");
+}
+
 fs::path avatar_file(const fs::path& path) {
   if (!fs::is_directory(path)) {
     if (!fs::exists(path))

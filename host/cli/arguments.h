@@ -3,7 +3,9 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
+#include "host/rendering/render_settings.h"
 #include "kernels/vulkan/device.h"
 
 namespace CLI {
@@ -14,6 +16,15 @@ namespace arah {
 
 // "--device NAME" into device.wanted, ahead of ARAH_DEVICE. device: DeviceOptions::from_environment().
 void add_device_option(CLI::App& command, DeviceOptions& device);
+
+// "--quality PRESET" and "--set KNOB=VALUE" (host/rendering/render_settings.h).
+struct QualityOptions {
+  std::string preset = "paper";
+  std::vector<std::string> knobs;
+  // Throws InputError naming the option for what is no preset, knob or value.
+  RenderSettings settings(const Avatar& avatar) const;
+};
+void add_quality_options(CLI::App& command, QualityOptions& quality);
 
 inline constexpr const char* kAvatarHelp = "an avatar (.safetensors) or the folder of a training run";
 

@@ -24,6 +24,7 @@ void add_evaluate_command(CLI::App& program, Run& run);
 void add_inspect_command(CLI::App& program, Run& run);
 void add_render_command(CLI::App& program, Run& run);
 void add_synth_command(CLI::App& program, Run& run);
+void add_tradeoff_command(CLI::App& program, Run& run);
 void add_train_command(CLI::App& program, Run& run);
 
 }  // namespace arah

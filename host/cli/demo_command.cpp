@@ -113,8 +113,7 @@ ReportRow turntable(Device& device, const Avatar& avatar, const Capture& capture
   const Motion& motion = motion_of(capture, "novel");
   const MotionFrame& frame = motion.frames[motion.frames.size() / 2];
   const std::vector<glm::vec3> vertices = posed_vertices(avatar.body, frame.pose);
-  RenderSettings settings;
-  Renderer renderer(device, avatar, settings);
+  Renderer renderer(device, avatar, render_preset(avatar, "paper"));
   Progress progress("turntable", kTurntableViews, "pictures");
   ReportRow row;
   row.split = "turntable, a held-out pose";

@@ -16,6 +16,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   struct Options {
     std::filesystem::path avatar, capture, out;
     EvaluationSettings settings;
+    QualityOptions quality;
     DeviceOptions device = DeviceOptions::from_environment();
   };
   const auto options = std::make_shared<Options>();
@@ -32,6 +33,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
       ->capture_default_str();
   command->add_option("--size", settings.size, "columns that photographs are reduced to (default: as they are)")
       ->check(CLI::Range(1, 8192));
+  add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
   command->footer(
       "PSNR is taken over the pixels of the posed template's projected box; metrics.json states the protocol.\n"
@@ -40,6 +42,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
     run = [options] {
       const Avatar avatar = load_avatar(avatar_file(options->avatar));
       const Capture capture = open_capture(options->capture);
+      options->settings.render = options->quality.settings(avatar);
       Device device(options->device);
       Progress progress("evaluate", 1.0, "");
       const Evaluation result = evaluate(device, avatar, capture, options->settings, [&](double part) {

@@ -28,6 +28,7 @@ struct Options {
   double orbit = 0;
   int size = 0;
   std::vector<std::string> layers{"color"};
+  QualityOptions quality;
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
@@ -136,7 +137,7 @@ int render(const Options& options) {
   const Avatar avatar = load_avatar(avatar_file(options.avatar));
   const View view = chosen_view(options, avatar);
   Device device(options.device);
-  RenderSettings settings;
+  RenderSettings settings = options.quality.settings(avatar);
   settings.normals = std::find(options.layers.begin(), options.layers.end(), "normal") != options.layers.end();
   Renderer renderer(device, avatar, settings);
   Progress progress("render", 1.0, "");
@@ -190,6 +191,7 @@ void add_render_command(CLI::App& program, Run& run) {
       ->delimiter(',')
       ->check(CLI::IsMember({"color", "depth", "normal"}))
       ->capture_default_str();
+  add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
   command->footer("Example: arah render run -o turned.png --orbit 90 --layers color,depth,normal");
   command->callback([options, &run] { run = [options] { return render(*options); }; });

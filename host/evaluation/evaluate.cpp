@@ -15,11 +15,6 @@
 namespace arah {
 namespace {
 
-struct Place {
-  std::size_t camera = 0;
-  int frame = 0;
-};
-
 std::vector<std::size_t> chosen_cameras(const Capture& capture, const std::string& wanted) {
   std::vector<std::size_t> cameras;
   if (wanted == "training" || wanted == "held-out" || wanted == "all") {
@@ -41,9 +36,9 @@ std::vector<std::size_t> chosen_cameras(const Capture& capture, const std::strin
   return cameras;
 }
 
-std::vector<Place> places(const Capture& capture, const EvaluationSettings& settings) {
+std::vector<EvaluationPlace> places(const Capture& capture, const EvaluationSettings& settings) {
   if (settings.every < 1) throw InputError("--every", "", "at least 1", fmt::format("{}", settings.every));
-  std::vector<Place> result;
+  std::vector<EvaluationPlace> result;
   for (const std::size_t camera : chosen_cameras(capture, settings.cameras)) {
     const std::vector<int> frames = frames_with_images(capture, settings.split, camera);
     for (std::size_t f = 0; f < frames.size(); f += static_cast<std::size_t>(settings.every))
@@ -53,7 +48,7 @@ std::vector<Place> places(const Capture& capture, const EvaluationSettings& sett
     throw InputError((capture.path / "images" / settings.split).string(), "",
                      fmt::format("pictures of the cameras '{}'", settings.cameras), "none",
                      "arah inspect lists what a capture holds.");
-  std::stable_sort(result.begin(), result.end(), [](const Place& a, const Place& b) { return a.frame < b.frame; });
+  std::stable_sort(result.begin(), result.end(), [](const EvaluationPlace& a, const EvaluationPlace& b) { return a.frame < b.frame; });
   return result;
 }
 
@@ -65,13 +60,6 @@ void check_skeleton(const Avatar& avatar, const Capture& capture) {
                      fmt::format("the avatar's {} joints", ours.size()),
                      ours.size() == theirs.size() ? "other names or parents" : fmt::format("{}", theirs.size()),
                      "Evaluate on a capture of the subject that the avatar was trained on.");
-}
-
-std::vector<float> rgb_of(const Image& image) {
-  std::vector<float> rgb;
-  rgb.reserve(image.rgba.size() / 4 * 3);
-  for (std::size_t i = 0; i < image.rgba.size(); i += 4) rgb.insert(rgb.end(), &image.rgba[i], &image.rgba[i] + 3);
-  return rgb;
 }
 
 std::string row_split(const EvaluationSettings& settings, const Camera& camera) {
@@ -86,12 +74,24 @@ nlohmann::ordered_json optional_number(const std::optional<double>& value) {
 
 }  // namespace
 
+std::vector<EvaluationPlace> evaluation_places(const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings) {
+  check_skeleton(avatar, capture);
+  motion_of(capture, settings.split);  // throws where there is none
+  return places(capture, settings);
+}
+
+std::vector<float> rgb_on_black(const Image& image) {
+  std::vector<float> rgb;
+  rgb.reserve(image.rgba.size() / 4 * 3);
+  for (std::size_t i = 0; i < image.rgba.size(); i += 4) rgb.insert(rgb.end(), &image.rgba[i], &image.rgba[i] + 3);
+  return rgb;
+}
+
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
                     const std::function<bool(double)>& progress) {
-  check_skeleton(avatar, capture);
+  const std::vector<EvaluationPlace> todo = evaluation_places(avatar, capture, settings);
   const Motion& motion = motion_of(capture, settings.split);
-  const std::vector<Place> todo = places(capture, settings);
-  RenderSettings render_settings;
+  RenderSettings render_settings = settings.render.value_or(render_preset(avatar, "paper"));
   render_settings.normals = settings.pictures;
   Renderer renderer(device, avatar, render_settings);
 
@@ -100,7 +100,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   const auto start = std::chrono::steady_clock::now();
   std::vector<double> psnrs, ssims;
   for (std::size_t i = 0; i < todo.size(); ++i) {
-    const Place& place = todo[i];
+    const EvaluationPlace& place = todo[i];
     const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
     const Camera& stored = capture.cameras[place.camera];
     const Camera camera = settings.size > 0 ? stored.scaled(settings.size) : stored;
@@ -114,7 +114,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
         camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part) {
           return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(todo.size()));
         });
-    const std::vector<float> truth = rgb_of(photograph);
+    const std::vector<float> truth = rgb_on_black(photograph);
     const int w = camera.width, h = camera.height;
     const ImageMetrics metrics = image_metrics({picture.color, w, h}, {truth, w, h}, mask.inside);
 
@@ -157,6 +157,7 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
              {"cameras", evaluation.settings.cameras},
              {"every", evaluation.settings.every},
              {"size", evaluation.settings.size},
+             {"render", ordered_json::parse(render_settings_json(evaluation.settings.render.value_or(render_preset(avatar, "paper"))))},
              {"protocol", metrics_definition(kDataRange)},
              {"avatar", avatar_path},
              {"capture", capture.path.string()},

@@ -12,11 +12,18 @@
 
 namespace arah {
 
+// One picture to compare with.
+struct EvaluationPlace {
+  std::size_t camera = 0;  // of the capture
+  int frame = 0;           // its number
+};
+
 struct EvaluationSettings {
   std::string split = "train";
   std::string cameras = "held-out";  // "training", "held-out", "all", or names with commas between
   int every = 1;                     // takes every so-many-th frame that has a picture, camera by camera
   int size = 0;                      // columns that photographs are reduced to; 0: as they are
+  std::optional<RenderSettings> render;  // none: exact
   bool pictures = true;              // keep photograph, rendering, error and normals for the report
 };
 
@@ -28,6 +35,12 @@ struct Evaluation {
   RootFindingCounts root_finding;
   double seconds = 0;  // of rendering
 };
+
+// The pictures that the settings choose, by frame, then camera. Throws InputError as evaluate does.
+std::vector<EvaluationPlace> evaluation_places(const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings);
+
+// [pixels][3] on black of a picture's RGBA, which is premultiplied.
+std::vector<float> rgb_on_black(const Image& image);
 
 // PSNR over the pixels of the projected box of the posed template ± 5 cm, photographs on black; SSIM on that region's
 // bounding rectangle, data range 1; no 8-bit rounding. A frame without a latent code of its own takes the last one.

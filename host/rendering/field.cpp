@@ -5,13 +5,16 @@
 
 #include "kernels/color/posed_normals.h"
 #include "kernels/color/posed_normals_backward.h"
+#include "kernels/compositing/scatter_distances.h"
 #include "kernels/skinning/position_gradient.h"
+#include "kernels/tracing/compact.h"
 #include "kernels/tracing/normalise_inputs.h"
+#include "shaders/shared/work_count.h"
 
 namespace arah {
 
 Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients)
-    : networks_(networks), samples_per_ray_(samples_per_ray) {
+    : device_(device), networks_(networks), samples_per_ray_(samples_per_ray) {
   const bool normal = networks.spec().color.normal;
   const uint64_t rows = padded_points(capacity);
   distance_tape_.emplace(device, "samples: distances", networks.sdf_shape(), capacity, SirenTape::Holds::values);
@@ -26,11 +29,36 @@ Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32
   scratch_ = Buffer(device, "weight gradients: partial sums", floats * 4, BufferPlace::device);
 }
 
-Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows) {
-  const PointRange range{rows, {}};
-  record_normalise_inputs(commands, {{range, {}}, frame, canonical, distance_tape_->input()});
-  networks_.sdf().record_forward(commands, *distance_tape_, range, false);
-  return distance_tape_->sdf();
+Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows, bool sparse) {
+  Rows evaluated{{rows, {}}, {}};
+  if (sparse) {
+    if (!with_point_.bytes()) {
+      const uint32_t capacity = distance_tape_->capacity();
+      with_point_ = Buffer(device_, "samples: with a point", capacity * 4ull, BufferPlace::device);
+      with_point_count_ = Buffer(device_, "samples: how many with a point", sizeof(WorkCount), BufferPlace::shared);
+      compaction_ = Buffer(device_, "samples: compaction", compact_blocks(capacity) * 4ull, BufferPlace::device);
+      distances_ = Buffer(device_, "samples: distances by row", capacity * 16ull, BufferPlace::device);
+      device_.upload(distances_.slice(), std::vector<float>(capacity * 4ull, 0.0f));
+    }
+    CompactArgs found;
+    found.rows.range.points = rows;
+    found.flagged_points = canonical;
+    found.scratch = compaction_.slice();
+    found.compacted = with_point_.slice();
+    found.count = with_point_count_.slice();
+    record_compact(commands, found);
+    commands.submit_and_wait();
+    WorkCount count{};
+    device_.download(with_point_count_.slice(), &count, sizeof count);
+    evaluated = {{count.count, {}}, with_point_.slice()};
+  }
+  if (evaluated.range.points) {
+    record_normalise_inputs(commands, {evaluated, frame, canonical, distance_tape_->input()});
+    networks_.sdf().record_forward(commands, *distance_tape_, evaluated.range, false);
+  }
+  if (!sparse) return distance_tape_->sdf();
+  if (evaluated.range.points) record_scatter_distances(commands, {evaluated.range.points, with_point_.slice(), distance_tape_->sdf(), distances_.slice()});
+  return {distances_.slice(), 4, 0};
 }
 
 void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradient) {

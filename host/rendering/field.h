@@ -14,9 +14,10 @@ class Field {
   // capacity: points at a time. samples_per_ray: sample s belongs to ray s / samples_per_ray.
   Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients);
 
-  // Signed distances at all rows of canonical points, vec4 by row: channel 0 of the result, cube units. It stays until the
-  // next call.
-  Matrix record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows);
+  // Signed distances at the rows of canonical points, vec4 by row: channel 0 of the result, cube units; it stays until the
+  // next call. sparse: only rows with w > 0 are evaluated, the others' distances mean nothing; submits, to know how many they
+  // are. Worth it where a good part of the rows has no point.
+  Matrix record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows, bool sparse);
 
   struct Inputs {
     BufferSlice frame;      // FrameConstants
@@ -55,10 +56,12 @@ class Field {
   BufferSlice scratch() { return scratch_.slice(); }
 
  private:
+  Device& device_;
   AvatarNetworks& networks_;
   uint32_t samples_per_ray_;
   std::optional<SirenTape> distance_tape_, sdf_tape_;
   std::optional<DenseTape> color_tape_;
+  Buffer with_point_, with_point_count_, compaction_, distances_;  // of sparse distances
   Buffer d_position_, upstream_, scratch_, normals_, d_normals_;  // the last two: of the colour's input
 };
 

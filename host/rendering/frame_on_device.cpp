@@ -134,7 +134,7 @@ FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDev
 }
 
 uint64_t FrameOnDevice::bytes() const {
-  return constants_.bytes() + grid_vertices_.bytes() + cell_start_.bytes() + cell_seed_.bytes() + shell_distances_.bytes();
+  return constants_.bytes() + grid_vertices_.bytes() + cell_start_.bytes() + cell_seed_.bytes() + shell_distances_.bytes() + (correspondences_ ? correspondences_->bytes() : 0);
 }
 
 }  // namespace arah

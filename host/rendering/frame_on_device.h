@@ -2,8 +2,10 @@
 #pragma once
 
 #include <array>
+#include <optional>
 
 #include "host/avatar/avatar.h"
+#include "host/rendering/correspondence_grid.h"
 #include "kernels/rays/generate.h"
 #include "kernels/rays/shell_bins.h"
 #include "kernels/tracing/nearest_vertex.h"
@@ -40,6 +42,9 @@ class FrameOnDevice {
   BufferSlice shell_distances() { return shell_distances_.slice(); }
   const std::array<float, 3>& root_translation() const { return root_translation_; }  // metres, world
   const RayBox& box() const { return box_; }  // posed vertices ± 5 cm, world
+  // The frame's correspondences, kept; null until they are made.
+  CorrespondenceGrid* correspondences() { return correspondences_ ? &*correspondences_ : nullptr; }
+  void make_correspondences(Device& device, const ShellSettings& shell) { correspondences_.emplace(device, *this, shell); }
   uint64_t bytes() const;
 
  private:
@@ -48,6 +53,7 @@ class FrameOnDevice {
   ShellGrid shell_grid_;
   std::array<float, 3> root_translation_{};
   RayBox box_;
+  std::optional<CorrespondenceGrid> correspondences_;
 };
 
 }  // namespace arah

@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "kernels/rays/shell_bins.h"
+#include "kernels/sampling/outside_shell.h"
 #include "kernels/sampling/shell_samples.h"
 #include "kernels/sampling/surface_samples.h"
 #include "shaders/shared/ray.h"
@@ -117,6 +118,7 @@ void RaySamples::place_around_surface(Commands& commands, FrameOnDevice& frame, 
   samples.depths = depths_.slice();
   samples.points = points_.slice();
   record_surface_samples(commands, samples);
+  if (settings_.shell_bound) record_outside_shell(commands, {rows(rays), frame.shell_grid(), static_cast<float>(settings_.shell.outer), frame.shell_distances(), points_.slice()});
   finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
 }
 

@@ -27,6 +27,9 @@ struct SamplingSettings {
   SamplingMode mode = SamplingMode::shell;
   // Of each ray. surface: room for them, used in full on rays without a surface (the paper: 64); at least 33.
   uint32_t samples = 20;
+  // surface: samples farther than shell.outer from the template are taken as empty, without a search. off: every sample's
+  // correspondence is searched and its distance evaluated, wherever it lies.
+  bool shell_bound = true;
   ShellSettings shell;
   RootFindingSettings root;
 };
@@ -53,6 +56,8 @@ class RaySamples {
   // joint search is tried on all rays in the box.
   void place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
+  // Whether a good part of the rows has no point to evaluate: unused places of rays, and samples outside the shell.
+  bool has_gaps() const { return settings_.mode == SamplingMode::surface; }
   BufferSlice rays() { return rays_.slice(); }            // Ray by ray
   BufferSlice depths() { return depths_.slice(); }        // float by row
   BufferSlice deltas() { return deltas_.slice(); }        // float by row; surface: compositing writes them

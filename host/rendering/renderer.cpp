@@ -1,9 +1,13 @@
 #include "host/rendering/renderer.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
-#include <nlohmann/json.hpp>
+#include <opencv2/imgproc.hpp>
 #include <stdexcept>
+
+#include "host/input_error.h"
 
 namespace arah {
 namespace {
@@ -19,29 +23,51 @@ uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memor
   return std::clamp(static_cast<uint32_t>(double(memory_bytes) / bytes_a_ray) / 64 * 64, 64u, std::max(64u, most));
 }
 
-}  // namespace
-
-SamplingSettings picture_sampling(const Avatar& avatar) {
-  SamplingSettings sampling;
-  sampling.samples = 32;
-  const nlohmann::json trained = nlohmann::json::parse(avatar.settings, nullptr, false);
-  if (!trained.is_object() || trained.value("sampling_mode", nlohmann::json()) != to_string(SamplingMode::surface)) return sampling;
-  sampling.mode = SamplingMode::surface;
-  sampling.samples = 64;
-  return sampling;
+// A smaller picture between whose pixels the others are interpolated; depths and what is behind an edge come from the nearest.
+Picture enlarged(const Picture& small, int width, int height) {
+  Picture picture;
+  picture.width = width;
+  picture.height = height;
+  const auto resized = [&](const std::vector<float>& from, int channels, int interpolation) {
+    if (from.empty()) return std::vector<float>{};
+    const cv::Mat source(small.height, small.width, CV_32FC(channels), const_cast<float*>(from.data()));
+    std::vector<float> to(static_cast<size_t>(width) * static_cast<size_t>(height) * static_cast<size_t>(channels));
+    cv::Mat target(height, width, CV_32FC(channels), to.data());
+    cv::resize(source, target, target.size(), 0, 0, interpolation);
+    return to;
+  };
+  picture.color = resized(small.color, 3, cv::INTER_LINEAR);
+  picture.alpha = resized(small.alpha, 1, cv::INTER_LINEAR);
+  picture.depth = resized(small.depth, 1, cv::INTER_NEAREST);
+  picture.normal = resized(small.normal, 3, cv::INTER_LINEAR);
+  return picture;
 }
+
+}  // namespace
 
 Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings)
     : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
+  if (sampling_.mode == SamplingMode::surface && sampling_.samples < samples_around_surface + samples_before_surface)
+    throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface", samples_around_surface + samples_before_surface), fmt::format("{}", sampling_.samples));
   const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes);
   samples_.emplace(device, networks_, rays, sampling_);
   shaded_.emplace(device, networks_, rays, sampling_.samples, false, settings.normals);
 }
 
 Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
+  if (settings_.pixel_step <= 1) return render_every_pixel(camera, pose, latent_row, progress);
+  const int columns = std::max(1, (camera.width + settings_.pixel_step - 1) / settings_.pixel_step);
+  return enlarged(render_every_pixel(camera.scaled(columns), pose, latent_row, progress), camera.width, camera.height);
+}
+
+Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
   FrameOnDevice frame(device_, avatar_, body_, pose, sampling_.shell);
   networks_.record_pack(commands_, latent_row);
   commands_.submit_and_wait();
+  if (avatar_.spec.skinning.kind == Skinning::network && sampling_.root.correspondence != Correspondence::search) {
+    frame.make_correspondences(device_, sampling_.shell);
+    frame.correspondences()->solve(commands_, samples_->root_finder(), frame, sampling_.root);
+  }
 
   Picture picture;
   picture.width = camera.width;
@@ -76,6 +102,9 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   samples_->set_pixels(commands_, frame, camera, pixels);
   samples_->place(commands_, frame, rays, {});
   shaded_->record_forward(commands_, frame, *samples_, rays, settings_.least_weight, settings_.normals);
+  work_.rays += rays;
+  work_.samples += samples_->rows(rays);
+  work_.shaded += shaded_->queue().shaded();
   commands_.submit_and_wait();
 
   using Rgba = std::array<float, 4>;

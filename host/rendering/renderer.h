@@ -6,20 +6,10 @@
 #include <vector>
 
 #include "host/rendering/ray_samples.h"
+#include "host/rendering/render_settings.h"
 #include "host/rendering/shaded_rays.h"
 
 namespace arah {
-
-// How pictures of an avatar are sampled: 64 samples in the paper's places where it was trained so (`sampling_mode` of its
-// settings), else 32 in the template's shell.
-SamplingSettings picture_sampling(const Avatar& avatar);
-
-struct RenderSettings {
-  std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
-  double least_weight = 0;  // samples whose compositing weight is at most this stay black; 0: exact
-  bool normals = false;
-  uint64_t memory_bytes = 600'000'000;  // of activations: decides how many rays are rendered at a time
-};
 
 // Row-major, top left first; black background.
 struct Picture {
@@ -40,7 +30,20 @@ class Renderer {
   Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress = {});
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
 
+  // Work of the pictures since the last reset.
+  struct Work {
+    uint64_t rays = 0;     // that can meet the person
+    uint64_t samples = 0;  // placed on them: rays times samples
+    uint64_t shaded = 0;   // of these, with a colour
+  };
+  const Work& work() const { return work_; }
+  void reset_work() {
+    work_ = {};
+    samples_->root_finder().reset_counts();
+  }
+
  private:
+  Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
   void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, Picture& picture);
 
   Device& device_;
@@ -51,6 +54,7 @@ class Renderer {
   TemplateOnDevice body_;
   std::optional<RaySamples> samples_;
   std::optional<ShadedRays> shaded_;
+  Work work_;
   Commands commands_;
 };
 

@@ -6,17 +6,29 @@
 #include <array>
 #include <stdexcept>
 
+#include "host/rendering/correspondence_grid.h"
 #include "kernels/skinning/lbs.h"
 #include "kernels/tracing/broyden_finish.h"
 #include "kernels/tracing/broyden_start.h"
 #include "kernels/tracing/broyden_step.h"
 #include "kernels/tracing/compact.h"
+#include "kernels/tracing/interpolate_correspondences.h"
 #include "kernels/tracing/nearest_vertex.h"
 #include "kernels/tracing/normalise_inputs.h"
 #include "kernels/tracing/template_correspondence.h"
 #include "shaders/shared/work_count.h"
 
 namespace arah {
+
+const char* to_string(Correspondence correspondence) {
+  switch (correspondence) {
+    case Correspondence::search: return "search";
+    case Correspondence::search_from_grid: return "search_from_grid";
+    case Correspondence::grid: return "grid";
+    case Correspondence::grid_alone: return "grid_alone";
+  }
+  return "search";
+}
 
 PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity)
     : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
@@ -37,6 +49,7 @@ PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint3
   if (networks.spec().skinning.kind != Skinning::network) return;
   tape_.emplace(device, "root search", networks.skinning_shape(), capacity_, false);
   posed_ = make("posed points", vec4_bytes);
+  interpolated_ = make("correspondences from the grid", vec4_bytes);
   active_ = make("active flags", capacity_ * 4ull);
   search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
   state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point, false));
@@ -53,25 +66,65 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   }
   if (networks_.spec().skinning.kind == Skinning::template_weights) return solve_by_template(commands, frame, points, targets, canonical);
 
-  // The wanted points, in order; then their starts.
-  CompactArgs wanted;
-  wanted.rows.range.points = points;
-  wanted.flagged_points = targets;
-  wanted.scratch = scratch_.slice();
-  wanted.compacted = ids_[0].slice();
-  wanted.count = count_[0].slice();
-  record_compact(commands, wanted);
+  CorrespondenceGrid* grid = settings.correspondence == Correspondence::search ? nullptr : frame.correspondences();
+  const bool from_grid = grid && grid->solved(), alone = from_grid && settings.correspondence == Correspondence::grid_alone,
+             answers = alone || (from_grid && settings.correspondence == Correspondence::grid);
+  const BufferSlice interpolated = answers ? interpolated_.slice() : starts_.slice();
+  if (from_grid) record_interpolate_correspondences(commands, {points, targets, grid->nodes(), interpolated, active_.slice()});
+
+  auto finish = [&] {
+    BroydenFinishArgs end;
+    end.points = points;
+    end.state = state_;
+    end.targets = targets;
+    end.canonical = canonical;
+    end.counts = search_counts_.slice();
+    if (answers) end.interpolated = interpolated;
+    commands.fill(search_counts_.slice(), 0);
+    record_broyden_finish(commands, end);
+    commands.submit_and_wait();
+    shared::SearchCounts counts{};
+    device_.download(search_counts_.slice(), &counts, sizeof counts);
+    counts_.points += counts.converged + counts.diverged + counts.exhausted;
+    counts_.steps += counts.steps;
+    counts_.converged += counts.converged;
+    counts_.diverged += counts.diverged;
+    counts_.exhausted += counts.exhausted;
+  };
+  if (alone) {
+    commands.fill(state_.status(), 0);  // no search was started
+    return finish();
+  }
+
+  // The points that are searched, in order: all wanted ones, or where the grid answers, those that it cannot tell.
+  CompactArgs searched;
+  searched.rows.range.points = points;
+  (answers ? searched.flags : searched.flagged_points) = answers ? active_.slice() : targets;
+  searched.scratch = scratch_.slice();
+  searched.compacted = ids_[0].slice();
+  searched.count = count_[0].slice();
+  record_compact(commands, searched);
   int current = 0;
   auto rows = [&] { return Rows{{points, count_[current].slice()}, ids_[current].slice()}; };
 
+  // Their starts: the nearest vertex', except where the grid gave one.
+  Rows without_start = rows();
+  if (from_grid && !answers) {
+    CompactArgs untold = searched;
+    untold.flagged_points = {};
+    untold.flags = active_.slice();
+    untold.compacted = ids_[1].slice();
+    untold.count = count_[1].slice();
+    record_compact(commands, untold);
+    without_start = {{points, count_[1].slice()}, ids_[1].slice()};
+  }
   NearestVertexArgs nearest;
-  nearest.rows = rows();
+  nearest.rows = without_start;
   nearest.frame = frame.constants();
   nearest.posed = targets;
   nearest.target = frame.vertices();
   nearest.canonical = starts_.slice();
   nearest.nearest = nearest_.slice();
-  record_nearest_vertex(commands, nearest);
 
   auto evaluate = [&](const BufferSlice& at, bool transforms) {
     record_normalise_inputs(commands, {rows(), frame.constants(), at, tape_->input()});
@@ -97,6 +150,18 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
     current = 1 - current;
   };
 
+  auto left = [&] {
+    commands.submit_and_wait();
+    WorkCount count{};
+    device_.download(count_[current].slice(), &count, sizeof count);
+    return count.count;
+  };
+
+  if (answers && left() == 0) {
+    commands.fill(state_.status(), 0);  // never started
+    return finish();
+  }
+  record_nearest_vertex(commands, nearest);
   evaluate(starts_.slice(), true);
   BroydenStartArgs start;
   start.rows = rows();
@@ -108,7 +173,9 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   start.targets = targets;
   start.active = active_.slice();
   start.max_iterations = settings.max_iterations;
+  if (from_grid) start.start_tolerance = settings.tolerance;
   record_broyden_start(commands, start);
+  if (from_grid) compact();  // many starts are roots already
 
   // Most points need three steps (ARAH.md §11): look at how many are left only now and then. Compaction costs as much as
   // evaluating some 15 % of the points, so it waits for the second step, after which a quarter is left.
@@ -127,28 +194,10 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
       record_broyden_step(commands, step);
       if (iteration > 0) compact();
     }
-    commands.submit_and_wait();
-    WorkCount left{};
-    device_.download(count_[current].slice(), &left, sizeof left);
-    if (left.count == 0) break;
+    if (left() == 0) break;
     batch = iteration < 8 ? 2 : 8;
   }
-
-  BroydenFinishArgs finish;
-  finish.points = points;
-  finish.state = state_;
-  finish.canonical = canonical;
-  finish.counts = search_counts_.slice();
-  commands.fill(search_counts_.slice(), 0);
-  record_broyden_finish(commands, finish);
-  commands.submit_and_wait();
-  shared::SearchCounts counts{};
-  device_.download(search_counts_.slice(), &counts, sizeof counts);
-  counts_.points += counts.converged + counts.diverged + counts.exhausted;
-  counts_.steps += counts.steps;
-  counts_.converged += counts.converged;
-  counts_.diverged += counts.diverged;
-  counts_.exhausted += counts.exhausted;
+  finish();
 }
 
 void PointRootFinder::solve_by_template(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical) {

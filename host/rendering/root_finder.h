@@ -11,15 +11,26 @@
 
 namespace arah {
 
+// Where correspondences come from.
+enum class Correspondence {
+  search,            // each point's own search, from the nearest posed vertex (the paper)
+  search_from_grid,  // each point's own search, from between the roots at the nodes of the frame's grid
+  grid,              // between the roots at the nodes; a search only where they cannot tell
+  grid_alone,        // between the roots at the nodes; none where they cannot tell
+};
+const char* to_string(Correspondence correspondence);
+
 struct RootFindingSettings {
   uint32_t max_iterations = 50;  // the paper's; fewer drop the slow tail (98 % converge within 11)
   float tolerance = 1e-5f;       // metres
+  Correspondence correspondence = Correspondence::search;
 };
 
 // What became of the searches since the last reset.
 struct RootFindingCounts {
-  uint64_t points = 0, steps = 0, converged = 0, diverged = 0, exhausted = 0;
+  uint64_t points = 0, steps = 0, converged = 0, diverged = 0, exhausted = 0;  // converged: those from the grid as well
 };
+
 
 // Point-wise search: for each target, x̂ with LBS(x̂) = target, from the nearest posed vertex.
 class PointRootFinder {
@@ -30,8 +41,10 @@ class PointRootFinder {
   // targets: vec4 by point (posed space, w > 0: wanted). canonical: vec4 by point, w = 1 found, 0 not.
   // Records into commands and submits: on return the work is done.
   // With template weights the nearest vertex decides and every wanted point counts as found; without skinning x̂ = target.
+  // The frame's grid is read where it has one and the settings want it (correspondence_grid.h).
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
+  uint32_t capacity() const { return capacity_; }
 
   // Three vec4 by row: the rows of Σ_b w_b B_b at the canonical points, vec4 by row. `rows` says which points of the last
   // solve they are: with template weights the nearest vertices found there decide. Overwritten by the next solve.
@@ -49,7 +62,7 @@ class PointRootFinder {
   RootFindingCounts counts_;
   std::optional<DenseTape> tape_;
   BroydenState state_;
-  Buffer state_buffer_, posed_, transforms_, starts_, nearest_, active_, ids_[2], count_[2], scratch_, search_counts_;
+  Buffer state_buffer_, posed_, transforms_, starts_, interpolated_, nearest_, active_, ids_[2], count_[2], scratch_, search_counts_;
 };
 
 }  // namespace arah

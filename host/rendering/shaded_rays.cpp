@@ -24,7 +24,7 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   CompositeForwardArgs composite;
   composite.samples.rays = rays;
   composite.samples.samples = placed.samples();
-  composite.samples.sdf = field_.record_distances(commands, frame.constants(), placed.canonical(), rows);
+  composite.samples.sdf = field_.record_distances(commands, frame.constants(), placed.canonical(), rows, placed.has_gaps());
   composite.samples.metres_per_unit = static_cast<float>(networks_.cube().metres_per_unit());
   composite.samples.points = placed.canonical();
   composite.samples.deltas = placed.deltas();

@@ -30,6 +30,9 @@ enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slo
 // Fixed-point unit of the grid's gradient: contributions of a loss over R rays are about 1 / R (kernels/color/feature_grid.h).
 float grid_scale(const TrainingSettings& settings) { return static_cast<float>(settings.rays) * 4096.0f; }
 
+// Nodes of a frame's grid that are searched at a time: a frame has some 20,000.
+constexpr uint32_t grid_nodes_at_a_time = 32768;
+
 // Streams of random numbers of a step, apart from the jitter's own counter-based ones.
 std::mt19937_64 step_generator(uint64_t seed, uint64_t step, uint64_t stream) {
   std::seed_seq sequence{uint32_t(seed), uint32_t(seed >> 32), uint32_t(step), uint32_t(step >> 32), uint32_t(stream)};
@@ -67,6 +70,7 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       sign_tape_(device, "points inside and outside", networks_.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
   const uint32_t rays = padded_points(pass_rays_), rows = padded_points(pass_rays_ * settings.sampling.samples);
   if (avatar_.spec.skinning.kind == Skinning::network) skinning_.emplace(device, networks_, rows, settings.skinning_points);
+  if (with_grids()) grid_finder_.emplace(device, networks_, grid_nodes_at_a_time);
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
     Buffer buffer(device, std::string("training: ") + what, bytes, place);
     commands_.fill(buffer.slice(), 0);
@@ -93,6 +97,18 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
   const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
                                                             {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid}};
   for (const ParameterGroup& group : layout_groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
+}
+
+void Trainer::solve_correspondences() {
+  const ParameterGroup& group = networks_.layout().group("skinning");
+  grid_parameters_ = device_.download<float>(networks_.parameters().elements(group.begin, group.size()));
+  networks_.record_pack(commands_, 0);  // the skinning network reads no code
+  for (const TrainingImages::Place& place : images_.places()) {  // by frame
+    if (&place != images_.places().data() && (&place)[-1].frame == place.frame) continue;
+    FrameOnDevice& frame = images_.frame(place.frame);
+    if (!frame.correspondences()) frame.make_correspondences(device_, settings_.sampling.shell);
+    frame.correspondences()->solve(commands_, *grid_finder_, frame, settings_.sampling.root);
+  }
 }
 
 Trainer::Batch Trainer::draw_batch() {
@@ -257,6 +273,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
+  if (with_grids() && steps_ % settings_.grid_steps == 0) solve_correspondences();
   const Batch batch = draw_batch();
   FrameOnDevice& frame = images_.frame(batch.place.frame);
   const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
@@ -333,6 +350,7 @@ SafetensorsFile Trainer::checkpoint() {
   std::vector<int64_t> updates;
   for (const Group& group : groups_) updates.push_back(static_cast<int64_t>(group.updates));
   file.tensors["optimizer.updates"] = Tensor::from<int64_t>({static_cast<int64_t>(updates.size())}, updates);
+  if (!grid_parameters_.empty()) file.tensors["training.grid_parameters"] = Tensor::from<float>({static_cast<int64_t>(grid_parameters_.size())}, grid_parameters_);
   file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
   file.tensors["training.last_skinning_loss"] = Tensor::from<double>({}, std::vector<double>{last_skinning_loss_});
   return file;
@@ -352,6 +370,14 @@ void Trainer::resume(const SafetensorsFile& file) {
   done_ = file.values<double>("training.done", {})[0];
   last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
   steps_ = saved.steps;
+  // The grids of the frames as they were: solved with the parameters of then.
+  if (!file.tensors.contains("training.grid_parameters")) return;
+  const ParameterGroup& group = networks_.layout().group("skinning");
+  const BufferSlice skinning = networks_.parameters().elements(group.begin, group.size());
+  const std::vector<float> now = device_.download<float>(skinning);
+  device_.upload(skinning, file.values<float>("training.grid_parameters", {static_cast<int64_t>(group.size())}));
+  solve_correspondences();
+  device_.upload(skinning, now);
 }
 
 }  // namespace arah

@@ -63,6 +63,9 @@ class Trainer {
     std::vector<uint32_t> pixels;
     std::vector<std::array<float, 4>> targets;
   };
+  bool with_grids() const { return avatar_.spec.skinning.kind == Skinning::network && settings_.sampling.root.correspondence != Correspondence::search; }
+  // Searches the roots at the nodes of all frames' grids, where the settings want them, and notes with which parameters.
+  void solve_correspondences();
   Batch draw_batch();
   void upload_regulariser_points();
   // Losses and gradients of at most pass_rays_ of the batch's rays, from `first` on: losses and raw gradients +=, effective
@@ -85,6 +88,8 @@ class Trainer {
   std::optional<SkinningGradient> skinning_;
   Buffer first_moments_, second_moments_, averages_, grid_sums_, grid_clamped_, losses_, targets_, d_colors_, partials_, squares_, norms_, scratch_;
   std::vector<Group> groups_;
+  std::optional<PointRootFinder> grid_finder_;
+  std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t steps_ = 0;
   double done_ = 0;

@@ -36,12 +36,15 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("mask_fraction", s.mask_fraction);
   visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
+  visit("shell_bound", s.sampling.shell_bound);
   visit("shell_cell", s.sampling.shell.cell);
   visit("shell_margin", s.sampling.shell.margin);
   visit("shell_outer", s.sampling.shell.outer);
   visit("shell_inner", s.sampling.shell.inner);
   visit("root_max_iterations", s.sampling.root.max_iterations);
   visit("root_tolerance", s.sampling.root.tolerance);
+  visit("root_correspondence", s.sampling.root.correspondence);
+  visit("grid_steps", s.grid_steps);
   visit("least_weight", s.least_weight);
   visit("color_weight", s.color_weight);
   visit("alpha_weight", s.alpha_weight);
@@ -76,7 +79,7 @@ struct Writer {
   template <typename T>
   void operator()(const char* name, const T& value) const {
     if constexpr (std::is_same_v<T, GroupSettings>) visit_group(value, Writer{object[name]});
-    else if constexpr (std::is_same_v<T, SamplingMode>) object[name] = to_string(value);
+    else if constexpr (std::is_enum_v<T>) object[name] = to_string(value);
     else object[name] = value;
   }
 };
@@ -99,16 +102,29 @@ struct Reader {
       visit_group(value, reader);
       reader.refuse_unknown();
     } else if constexpr (std::is_same_v<T, SamplingMode>) {
-      value = SamplingMode::shell;
-      if (*found == to_string(SamplingMode::surface)) value = SamplingMode::surface;
-      else if (*found != to_string(SamplingMode::shell)) throw InputError(where, field, "shell or surface", found->dump());
+      read_word(found->dump(), field, {SamplingMode::shell, SamplingMode::surface}, value);
+    } else if constexpr (std::is_same_v<T, Correspondence>) {
+      read_word(found->dump(), field, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone}, value);
     } else {
       const bool fits = std::is_same_v<T, std::string> ? found->is_string()
+                        : std::is_same_v<T, bool>      ? found->is_boolean()
                         : std::is_floating_point_v<T>  ? found->is_number()
                                                        : found->is_number_unsigned() && (sizeof(T) == 8 || found->template get<uint64_t>() <= 0x7fffffff);
-      if (!fits) throw InputError(where, field, std::is_same_v<T, std::string> ? "a text" : std::is_floating_point_v<T> ? "a number" : "a whole number of at least 0", found->dump());
+      if (!fits) throw InputError(where, field, std::is_same_v<T, std::string> ? "a text" : std::is_same_v<T, bool> ? "true or false" : std::is_floating_point_v<T> ? "a number" : "a whole number of at least 0", found->dump());
       value = found->template get<T>();
     }
+  }
+  template <typename Enum>
+  void read_word(const std::string& quoted, const std::string& field, std::initializer_list<Enum> words, Enum& value) const {
+    std::string expected;
+    for (const Enum word : words) {
+      if (quoted == fmt::format("\"{}\"", to_string(word))) {
+        value = word;
+        return;
+      }
+      expected += fmt::format("{}{}", expected.empty() ? "" : " or ", to_string(word));
+    }
+    throw InputError(where, field, expected, quoted);
   }
   void refuse_unknown() const {
     for (const auto& [name, value] : object.items())
@@ -123,12 +139,13 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.preset = preset;
   s.sampling.root.max_iterations = 10;
   s.sampling.root.tolerance = 1e-4f;  // about a thirtieth of b
+  s.sampling.root.correspondence = Correspondence::grid_alone;
   s.sdf = {.rate = 2e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.mapping = {.rate = 1e-4};
   s.skinning = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.color = {.rate = 1e-3, .warm_up = 100};
   s.latent = {.rate = 1e-3};
-  s.deviation = {.rate = 1e-4};
+  s.deviation = {.rate = 1e-4, .freeze = 200};  // else b shrinks to a tenth while the shape cannot follow
   s.grid = {.rate = 1e-2};
   if (preset == "tiny") return s;
   if (preset == "compact") {
@@ -145,6 +162,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.least_weight = 0;
     s.sampling.root.max_iterations = 50;
     s.sampling.root.tolerance = 1e-5f;
+    s.sampling.root.correspondence = Correspondence::search;
     s.eikonal_weight = 50;
     s.alpha_weight = 0;
     s.eikonal_points = s.off_surface_points = s.inside_points = s.skinning_points = 1024;
@@ -173,6 +191,7 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   const Reader reader{object, where, ""};
   visit_settings(settings, reader);
   reader.refuse_unknown();
+  if (settings.grid_steps == 0) throw InputError(where, "grid_steps", "at least 1", "0");
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
   const uint32_t least = samples_around_surface + samples_before_surface;
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)

@@ -32,6 +32,8 @@ struct TrainingSettings {
   SamplingSettings sampling;
   double least_weight = 1e-3;    // samples whose compositing weight is at most this are black and pass no gradient on; 0: exact
 
+  uint64_t grid_steps = 4000;    // steps between two searches at the nodes of all frames' grids (root_correspondence)
+
   double color_weight = 30, alpha_weight = 1;
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
   uint32_t eikonal_points = 256, off_surface_points = 128, inside_points = 128, skinning_points = 256;

@@ -12,7 +12,9 @@ struct CompositeSamples {
   Matrix sdf;                 // its first column: the sdf network's value. Strides and columns are multiples of 4
   float metres_per_unit = 1;  // of that value
   Matrix rgb;                 // by row, or by slot where `slots` is given: 3 columns, [0, 1]
-  BufferSlice points;         // [rows] vec4; w = 0: the sample is skipped, whatever its numbers
+  // [rows] vec4; w = 0: the sample is skipped, whatever its numbers; w = shared::EMPTY (shaders/shared/empty_sample.h): it
+  // counts among the samples that δ lie between, but has no density, whatever its sdf
+  BufferSlice points;
   BufferSlice deltas;         // [rows] float, metres
   BufferSlice parameters;     // float
   uint32_t scale_index = 0;   // of b's free parameter among them; b = |parameter| clipped to [1e-6, 1e6] metres

@@ -49,4 +49,35 @@ Correspondence template_correspondence(const Vector<3>& posed, const PosedTempla
   return found;
 }
 
+std::optional<Vector<3>> interpolate_correspondence(const Vector<3>& posed, const CorrespondenceNodes& nodes) {
+  std::array<std::size_t, 3> corner{};
+  Vector<3> part{};
+  for (int axis = 0; axis < 3; ++axis) {
+    const double at = (posed[axis] - nodes.origin[axis]) / nodes.cell;
+    const std::size_t last = nodes.nodes[static_cast<std::size_t>(axis)] - 1;
+    if (!(at >= 0 && at <= static_cast<double>(last))) return std::nullopt;
+    const auto whole = std::min(static_cast<std::size_t>(at), last - 1);
+    corner[static_cast<std::size_t>(axis)] = whole;
+    part[axis] = at - static_cast<double>(whole);
+  }
+  std::array<Vector<3>, 8> around;  // number: x + 2 y + 4 z
+  Vector<3> result{};
+  for (std::size_t i = 0; i < 8; ++i) {
+    const std::size_t x = corner[0] + (i & 1), y = corner[1] + (i >> 1 & 1), z = corner[2] + (i >> 2);
+    const std::size_t node = (z * nodes.nodes[1] + y) * nodes.nodes[0] + x;
+    if (!nodes.found[node]) return std::nullopt;
+    around[i] = nodes.canonical[node];
+    const double weight = (i & 1 ? part[0] : 1 - part[0]) * (i & 2 ? part[1] : 1 - part[1]) * (i & 4 ? part[2] : 1 - part[2]);
+    for (int c = 0; c < 3; ++c) result[c] += weight * around[i][c];
+  }
+  for (std::size_t i = 0; i < 8; ++i)
+    for (const std::size_t step : {1u, 2u, 4u}) {
+      if (i & step) continue;
+      Vector<3> edge{};
+      for (int c = 0; c < 3; ++c) edge[c] = around[i + step][c] - around[i][c];
+      if (!(norm<3>(edge) <= nodes.longest)) return std::nullopt;
+    }
+  return result;
+}
+
 }  // namespace arah::reference

@@ -3,8 +3,11 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <optional>
 #include <span>
 
 #include "kernels/reference/small_matrix.h"
@@ -43,6 +46,22 @@ struct Correspondence {
 
 // x̂ = T⁻¹ x̄ with the skinning weights of the nearest posed vertex. `posed` is without the global translation.
 Correspondence template_correspondence(const Vector<3>& posed, const PosedTemplate& posed_template);
+
+// Canonical correspondences of a box of posed nodes: node (x, y, z) lies at origin + cell (x, y, z) and is number
+// (z nodes[1] + y) nodes[0] + x.
+struct CorrespondenceNodes {
+  Vector<3> origin{};
+  double cell = 0;  // metres
+  std::array<std::size_t, 3> nodes{};
+  std::span<const Vector<3>> canonical;
+  std::span<const std::uint8_t> found;  // 0: the node has none
+  double longest = 0;  // metres between the canonical points of neighbouring nodes, at most
+};
+
+// Trilinear between the eight nodes around the point; nothing outside the box, where a node has no correspondence, or where
+// the canonical points of two neighbouring ones of the eight are farther apart than `longest`: there the nodes belong to
+// different parts of the body, and nothing lies between them.
+std::optional<Vector<3>> interpolate_correspondence(const Vector<3>& posed, const CorrespondenceNodes& nodes);
 
 struct TracingSettings {
   int max_iterations = 50;

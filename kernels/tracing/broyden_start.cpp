@@ -24,7 +24,8 @@ void record_broyden_start(Commands& commands, const BroydenStartArgs& args) {
                                                 args.surface.sdf.column / 4,
                                                 args.sdf_gradients.stride / 4,
                                                 args.sdf_gradients.column / 4,
-                                                args.max_iterations};
+                                                args.max_iterations,
+                                                args.start_tolerance};
   const Binding unused{args.starts};
   Launch launch;
   launch.pipeline = &commands.device().pipeline("tracing/broyden_start", specialization);

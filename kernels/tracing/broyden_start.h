@@ -6,8 +6,8 @@
 
 namespace arah {
 
-// Residual, inverse Jacobian and first step at the start. Not tested for convergence: at least one step follows, except
-// where the start, its residual or the inverse Jacobian is not finite; then the point has diverged.
+// Residual, inverse Jacobian and first step at the start. A point has diverged where the start, its residual or the inverse
+// Jacobian is not finite. Else a step follows, unless start_tolerance says that the start is good enough.
 struct BroydenStartArgs {
   Rows rows;
   BroydenState state;      // with rows.ids: all other points become "never started"
@@ -22,6 +22,7 @@ struct BroydenStartArgs {
   BufferSlice jacobians;   // three vec4 by row: of record_jacobian at the start
   BufferSlice active;      // out, uint32 by row: 1 where the search goes on
   uint32_t max_iterations = 50;
+  float start_tolerance = 0;  // metres: a start whose residual is smaller is a root; 0: none is (the paper)
 };
 void record_broyden_start(Commands& commands, const BroydenStartArgs& args);
 

@@ -11,6 +11,7 @@
 #include "lib/stable.glsl"
 #include "lib/workgroup_sum.glsl"
 #include "shared/compositing.h"
+#include "shared/empty_sample.h"
 
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint d_sdf_quads = 2;  // channels / 4 that are written
@@ -56,7 +57,8 @@ void main() {
   float d_b = 0.0;
   for (uint k = samples; k > 0u; --k) {
     uint read = of_ray * samples + k - 1u;
-    bool valid = real && imageLoad(points, int(read)).w != 0.0;
+    float state = imageLoad(points, int(read)).w;
+    bool valid = real && state != 0.0 && state != EMPTY;  // an empty one has nothing to teach, and takes 1e-7 of nothing away
     float delta = deltas[read];
     Density density = laplace_density(metres * imageLoad(sdf, int(read * sdf_stride + sdf_column)).x, b);
     float optical_depth = density.value * delta;

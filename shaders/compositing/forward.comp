@@ -12,6 +12,7 @@
 #include "lib/density.glsl"
 #include "lib/stable.glsl"
 #include "shared/compositing.h"
+#include "shared/empty_sample.h"
 
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint deltas_are_differences = 0;
@@ -20,7 +21,7 @@ layout(constant_id = 1) const uint shading = SHADING_BY_ROW;
 layout(push_constant, scalar) uniform Constants { CompositeConstants c; };
 layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
 layout(binding = 1, rgba32f) uniform readonly imageBuffer rgb;
-layout(binding = 2, rgba32f) uniform readonly imageBuffer points;  // w = 0: invalid
+layout(binding = 2, rgba32f) uniform readonly imageBuffer points;  // w = 0: invalid; EMPTY: no density
 layout(binding = 3, scalar) readonly buffer Depths { float depths[]; };
 layout(binding = 4, scalar) buffer Deltas { float deltas[]; };
 layout(binding = 5, scalar) readonly buffer Parameters { float parameters[]; };
@@ -64,9 +65,10 @@ void main() {
   float ray_depth = 0.0;
   for (uint k = 0u; k < samples; ++k) {
     uint row = first + k;
-    bool valid = imageLoad(points, int(row)).w != 0.0;
+    float state = imageLoad(points, int(row)).w;
+    bool valid = state != 0.0;
     float value = metres * imageLoad(sdf, int(row * sdf_stride + sdf_column)).x;
-    float optical_depth = laplace_density(value, b).value * deltas[row];
+    float optical_depth = state == EMPTY ? 0.0 : laplace_density(value, b).value * deltas[row];
     float alpha = valid ? -stable_expm1(-optical_depth) : 0.0;
     float through = valid ? exp(-optical_depth) + 1e-7 : 1.0;
     float weight = alpha * transmittance;

@@ -12,7 +12,7 @@
 
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const int K = 64;     // multiple of 8
-layout(constant_id = 1) const int TILE = 16;  // 8, 16, 32 or 64
+layout(constant_id = 1) const int TILE = 16;  // multiple of 8
 layout(binding = 0, rgba32f) uniform readonly imageBuffer X;
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Weights { vec4 w[]; };
 #include "lib/epilogue.glsl"

@@ -2,9 +2,17 @@
 #ifndef ARAH_SHARED_SAMPLING_H
 #define ARAH_SHARED_SAMPLING_H
 #ifdef __cplusplus
-#include "shaders/shared/glsl_types.h"
+#include "shaders/shared/shell_grid.h"
 namespace arah::shared {
+#else
+#include "shared/shell_grid.h"
 #endif
+
+struct OutsideShellConstants {
+  ShellGrid grid;
+  float outer;  // metres
+  uint rows;
+};
 
 struct ShellSamplesConstants {
   vec3 root_translation;  // metres, world
@@ -31,6 +39,7 @@ struct SurfaceSamplesConstants {
 };
 
 #ifdef __cplusplus
+static_assert(sizeof(OutsideShellConstants) == 36);
 static_assert(sizeof(ShellSamplesConstants) == 36);
 static_assert(sizeof(SurfaceSamplesConstants) == 52);
 }  // namespace arah::shared

@@ -13,6 +13,14 @@ struct NearestVertexConstants {
   uvec3 cells;  // along each axis
 };
 
+struct InterpolateConstants {
+  uint points;
+  vec3 origin;  // of the grid's first node, posed space, metres
+  float cell;   // metres between nodes
+  uvec3 nodes;  // along each axis
+  float longest;  // metres between the canonical points of two neighbouring nodes, at most
+};
+
 struct NormaliseInputsConstants {
   uint row_limit;
   uint stride;  // groups
@@ -39,6 +47,7 @@ struct BroydenStartConstants {
   uint gradient_stride;  // texels
   uint gradient_column;
   uint max_iterations;
+  float start_tolerance;  // metres: a start whose residual is below is a root
 };
 
 struct BroydenStepConstants {
@@ -68,9 +77,10 @@ struct SearchCounts {
 
 #ifdef __cplusplus
 static_assert(sizeof(NearestVertexConstants) == 32);
+static_assert(sizeof(InterpolateConstants) == 36);
 static_assert(sizeof(NormaliseInputsConstants) == 12);
 static_assert(sizeof(SphereConstants) == 20);
-static_assert(sizeof(BroydenStartConstants) == 28);
+static_assert(sizeof(BroydenStartConstants) == 32);
 static_assert(sizeof(BroydenStepConstants) == 32);
 static_assert(sizeof(SearchCounts) == 20);
 }  // namespace arah::shared

@@ -1,7 +1,7 @@
 // Starts the root search of a row's point at u_0: residual g_0, H_0 and the first step -H_0 g_0 (ARAH.md section 5;
 // kernels/reference/broyden.h). One invocation serves one row. H_0 is the inverse of sum_b w_b R_b at u_0 for the point
 // search, of [[grad f_metric, 0], [dx_bar/dx, -v]] for the joint one. Where u_0, g_0 or H_0 is not finite (a singular
-// Jacobian) there is no search.
+// Jacobian) there is no search, nor where the residual is below start_tolerance (0, the paper's way: a step follows always).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -63,14 +63,15 @@ void main() {
   const float size = length(g);
   bool searches = is_finite(u) && is_finite(size);
   [[unroll]] for (int i = 0; i < UNKNOWNS; ++i) searches = searches && is_finite(h[i]);
-  const bool runs = searches && constants.max_iterations > 0u;
+  const bool is_root = searches && size < constants.start_tolerance;
+  const bool runs = searches && !is_root && constants.max_iterations > 0u;
   if (exists) {
     const uint capacity = constants.capacity, at = uint(point);
     state[ITERATE * capacity + at] = u + first_step;
     state[STEP * capacity + at] = first_step;
     state[RESIDUAL * capacity + at] = g;
     state[BEST * capacity + at] = u;
-    state[STATUS * capacity + at] = vec4(size, 0.0, runs ? ACTIVE : searches ? EXHAUSTED : DIVERGED, 0.0);
+    state[STATUS * capacity + at] = vec4(size, 0.0, runs ? ACTIVE : is_root ? CONVERGED : searches ? EXHAUSTED : DIVERGED, 0.0);
     [[unroll]] for (int i = 0; i < UNKNOWNS; ++i) state[(INVERSE + i) * capacity + at] = h[i];
     if (KEEP_TRANSFORMS) {
       [[unroll]] for (int i = 0; i < 3; ++i) state[PLANES * capacity + 3 * at + i] = transform[i];

@@ -7,13 +7,17 @@
 #include "kernels/compositing/backward.h"
 #include "kernels/compositing/fill_queue.h"
 #include "kernels/compositing/forward.h"
+#include "kernels/compositing/scatter_distances.h"
 #include "kernels/reduction/sum.h"
 #include "kernels/reference/density.h"
+#include "shaders/shared/empty_sample.h"
 #include "tests/golden.h"
 #include "tests/kernels/device_fixture.h"
 
 namespace arah {
 namespace {
+
+constexpr uint8_t empty_sample = 2;  // in a mask: shared::EMPTY
 
 struct Batch {
   uint32_t rays = 0, samples = 0;
@@ -168,7 +172,9 @@ class Compositing : public DeviceTest {
     for (size_t row = 0; row < rows; ++row) {
       const uint32_t slot = places[row];
       EXPECT_EQ(slot == no_slot, found.flags[row] == 0) << row;
-      if (slot != no_slot) EXPECT_EQ(found.samples.at(slot), row);
+      if (slot != no_slot) {
+        EXPECT_EQ(found.samples.at(slot), row);
+      }
       found.result.weights.push_back(weight[row]);
       found.result.d_sdf.push_back(slot == no_slot ? 0 : sdf_gradient[16 * slot + 8]);
       for (size_t c = 0; c < 3; ++c) found.result.d_rgb.push_back(slot == no_slot ? 0 : rgb_gradient[8 * slot + c]);
@@ -188,7 +194,7 @@ class Compositing : public DeviceTest {
         sdf[4 * i] = batch.sdf[i];
         for (size_t c = 0; c < 3; ++c) rgb[16 * i + 8 + c] = batch.rgb[3 * i + c];
       }
-      points[4 * i + 3] = batch.mask[i];
+      points[4 * i + 3] = batch.mask[i] == empty_sample ? shared::EMPTY : batch.mask[i];
     }
     std::vector<float> depths = batch.depths, deltas = batch.deltas;
     deltas.resize(padded, NAN);
@@ -301,8 +307,9 @@ TEST_F(Compositing, AQueueOfTheHeavySamplesFollowsTheReference) {
       const QueueResult actual = run_by_slot(batch, differences, threshold);
       const Result weighed = truth_of(batch, differences);
       for (size_t row = 0; row < batch.rows(); ++row) {
-        if (std::abs(weighed.weights[row] - threshold) > 1e-6)
+        if (std::abs(weighed.weights[row] - threshold) > 1e-6) {
           EXPECT_EQ(actual.flags[row], weighed.weights[row] > threshold ? 1u : 0u) << row << ": weight " << weighed.weights[row];
+        }
         if (!actual.flags[row]) std::fill_n(&batch.rgb[3 * row], 3, 0.0F);
       }
       Result truth = truth_of(batch, differences);
@@ -355,6 +362,18 @@ TEST_F(Compositing, Golden08) {
   }
 }
 
+// An empty sample counts for δ and absorbs nothing, whatever its sdf: the truth with a distance that has no density.
+TEST_F(Compositing, EmptySamplesAreThereWithoutDensity) {
+  Batch batch = random_batch(65, 20, 0.01F);
+  for (size_t i = 0; i < batch.rows(); ++i)
+    if (i % 3 == 0) batch.mask[i] = empty_sample;
+  const Result actual = run(batch, true);
+  Batch far = batch;
+  for (size_t i = 0; i < batch.rows(); ++i)
+    if (batch.mask[i] == empty_sample) far.mask[i] = 1, far.sdf[i] = 1e3F;
+  expect_same(actual, truth_of(far, true), "empty samples");
+}
+
 TEST_F(Compositing, AThousandOpaqueSamplesStayFinite) {
   Batch batch = random_batch(2, 1000, 1e-3F);
   for (float& s : batch.sdf) s = -0.005F / batch.metres_per_unit;  // σδ = 10: α = 1 − 5e-5
@@ -376,6 +395,19 @@ TEST_F(Compositing, ThinMediaKeepTheirDigits) {
   for (size_t i = 0; i < truth.weights.size(); ++i) ASSERT_NEAR(actual.weights[i] / truth.weights[i], 1, 2e-5) << i;
   for (size_t i = 0; i < truth.d_sdf.size(); ++i)
     ASSERT_NEAR(actual.d_sdf[i], truth.d_sdf[i], 4e-5 * largest(truth.d_sdf)) << i;
+}
+
+TEST_F(Compositing, DistancesOfAQueueGoBackToTheirRows) {
+  const uint32_t rows = 200, count = 67;
+  std::vector<uint32_t> samples(padded_points(count), 0);
+  for (uint32_t slot = 0; slot < count; ++slot) samples[slot] = (slot * 3 + 1) % rows;
+  const std::vector<float> sdf = uniform(padded_points(count) * 16);
+  Buffer list = filled("list", samples), values = filled("sdf", sdf), distances = filled("distances", std::vector<float>(4 * rows, 7));
+  record_scatter_distances(commands, {count, list.slice(), {values.slice(), 16, 8}, distances.slice()});
+  commands.submit_and_wait();
+  std::vector<float> truth(4 * rows, 7);
+  for (uint32_t slot = 0; slot < count; ++slot) truth[4 * samples[slot]] = sdf[16 * slot + 8], std::fill_n(&truth[4 * samples[slot] + 1], 3, 0.0F);
+  EXPECT_EQ(device.download<float>(distances.slice().elements(0, truth.size())), truth);
 }
 
 TEST_F(Compositing, RunsRepeatBitForBit) {

@@ -6,6 +6,8 @@
 #include "kernels/linear/matrix.h"
 #include "kernels/rays/generate.h"
 #include "kernels/rays/shell_bins.h"
+#include "kernels/sampling/outside_shell.h"
+#include "shaders/shared/empty_sample.h"
 #include "kernels/reference/tracing.h"
 #include "shaders/shared/ray.h"
 #include "tests/golden.h"
@@ -249,6 +251,34 @@ TEST_F(Shell, BinsAreKeptWithinTheShellUpToTheFirstDeepOne) {
     EXPECT_TRUE(count < 60 || with_bins < count);
     for (size_t i = count; i < bits.size(); ++i) EXPECT_EQ(bits[i], 0u) << "padding";
   }
+}
+
+TEST_F(Shell, SamplesOutsideAreMarkedEmpty) {
+  const std::vector<float> distances = ball();
+  Buffer d = filled("distances", distances);
+  const uint32_t rows = 1003;
+  std::vector<float> points;
+  for (uint32_t row = 0; row < padded_points(rows); ++row) {
+    for (const float x : uniform(3, -0.6, 0.6)) points.push_back(x);
+    points.push_back(row % 7 == 0 ? 0.0F : 1.0F);
+  }
+  Buffer p = filled("points", points);
+  const float outer = 0.055F;
+  record_outside_shell(commands, {rows, grid, outer, d.slice(), p.slice()});
+  commands.submit_and_wait();
+  const auto marked = device.download<float>(p.slice());
+  uint32_t empty_rows = 0, kept_rows = 0;
+  for (uint32_t row = 0; row < padded_points(rows); ++row) {
+    for (size_t c = 0; c < 3; ++c) EXPECT_EQ(marked[4 * row + c], points[4 * row + c]);
+    const double sd = lookup(grid, distances, {points[4 * row], points[4 * row + 1], points[4 * row + 2]});
+    if (std::abs(sd - outer) < 1e-5) continue;
+    const bool empties = row < rows && points[4 * row + 3] > 0 && sd > outer;
+    EXPECT_EQ(marked[4 * row + 3], empties ? shared::EMPTY : points[4 * row + 3]) << row << ": " << sd;
+    empty_rows += empties;
+    kept_rows += !empties && points[4 * row + 3] > 0;
+  }
+  EXPECT_GT(empty_rows, 100u);
+  EXPECT_GT(kept_rows, 50u);
 }
 
 TEST_F(Shell, ARayStraightThroughTheBallStopsInsideIt) {

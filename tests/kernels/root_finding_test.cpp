@@ -33,7 +33,8 @@ class RootFinding : public DeviceTest {
   // The host's loop. `rays` makes it the joint search. Rows are compacted after each step of an even number only.
   Solved solve(const Body& body, const std::vector<double>& starts, const std::vector<double>& targets,
                const std::vector<Ray>& rays = {}, const std::vector<double>& depths = {},
-               const std::vector<double>& root_translation = {0, 0, 0}, const std::vector<uint32_t>& chosen = {}) {
+               const std::vector<double>& root_translation = {0, 0, 0}, const std::vector<uint32_t>& chosen = {},
+               float start_tolerance = 0, const std::vector<float>& given = {}) {
     const bool joint = !rays.empty();
     const Unknowns unknowns = joint ? Unknowns::point_and_depth : Unknowns::point;
     const uint32_t points = static_cast<uint32_t>(starts.size() / 3), padded = padded_points(points),
@@ -114,7 +115,9 @@ class RootFinding : public DeviceTest {
                                     depth_rows.slice(),
                                     {gradients.slice(), 8, 0},
                                     jacobians.slice(),
-                                    active.slice()});
+                                    active.slice(),
+                                    50,
+                                    start_tolerance});
     for (int iteration = 0; iteration <= 50; ++iteration) {
       if (iteration % 2 == 0) {
         const uint32_t next = 1 - current;
@@ -132,8 +135,10 @@ class RootFinding : public DeviceTest {
       record_broyden_step(commands, {rows, state, frame.slice(), posed.slice(), transforms.slice(), target_rows.slice(),
                                      surface, active.slice()});
     }
-    record_broyden_finish(commands,
-                          {points, state, ray_rows.slice(), canonical.slice(), depth.slice(), counts.slice()});
+    Buffer given_rows;
+    if (!given.empty()) given_rows = filled("given", given);
+    record_broyden_finish(commands, {points, state, ray_rows.slice(), target_rows.slice(), canonical.slice(), depth.slice(), counts.slice(),
+                                     given.empty() ? BufferSlice{} : given_rows.slice()});
     commands.submit_and_wait();
 
     Solved solved;
@@ -248,6 +253,36 @@ TEST_F(RootFinding, PointsThatWereNotStartedHaveNoRoot) {
   }
   EXPECT_EQ(solved.counts.converged, 4u);
   EXPECT_EQ(solved.counts.diverged + solved.counts.exhausted, 0u);
+}
+
+TEST_F(RootFinding, AStartThatIsGoodEnoughIsTheRootAndAGivenOneNeedsNoSearch) {
+  const Body body = small_body(generator, 0.5);
+  const uint32_t points = 200;
+  std::vector<double> starts, targets;
+  std::vector<float> given(padded_points(points) * 4, 0.0f);
+  std::vector<uint32_t> searched;
+  for (uint32_t p = 0; p < points; ++p) {
+    const std::vector<float> at = uniform(3, -0.7, 0.7);
+    const Vector3 posed = body.skinned({at[0], at[1], at[2]});
+    const double off = p % 2 ? 0.02 : 2e-5;
+    for (size_t i = 0; i < 3; ++i) starts.push_back(static_cast<float>(at[i] + off)), targets.push_back(posed[i]);
+    if (p % 5) searched.push_back(p);
+    else given[4 * p] = static_cast<float>(p), given[4 * p + 3] = 1;
+  }
+  const Solved solved = solve(body, starts, targets, {}, {}, {0, 0, 0}, searched, 1e-3f, given);
+  for (uint32_t p = 0; p < points; ++p) {
+    EXPECT_EQ(solved.root_flags[p], 1) << p;
+    if (p % 5 == 0) {
+      EXPECT_EQ(solved.roots[3 * p], p);
+      EXPECT_EQ(solved.status[p], 0) << "nothing was started";
+    } else if (p % 2 == 0) {
+      EXPECT_EQ(solved.steps[p], 0) << p;
+      for (size_t i = 0; i < 3; ++i) EXPECT_EQ(solved.roots[3 * p + i], starts[3 * p + i]) << p;
+    } else {
+      EXPECT_GT(solved.steps[p], 0) << p;
+    }
+  }
+  EXPECT_EQ(solved.counts.converged, points);
 }
 
 TEST_F(RootFinding, GoldenCorrespondences) {

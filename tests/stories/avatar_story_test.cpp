@@ -151,6 +151,26 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_LT(metrics["mean"]["psnr"].get<double>(), 40.0);
   EXPECT_GT(metrics["root_finding"]["points"].get<int>(), 1000);
   EXPECT_THAT(read_all(at("figures/report.html")), HasSubstr("cam_06"));
+  EXPECT_EQ(metrics["render"]["least_weight"], 0) << "figures are those of the exact rendering";
+
+  // What the approximations cost, and which one to use.
+  const Outcome studied = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--pictures", "1", "--repetitions",
+                                "1", "--size", "48", "--budget", "1h"});
+  EXPECT_EQ(studied.code, 2);
+  EXPECT_THAT(studied.errors, HasSubstr("--budget"));
+  const Outcome study = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--pictures", "1", "--repetitions", "1",
+                              "--size", "48", "--budget", "100s", "--max-error", "50dB"});
+  ASSERT_EQ(study.code, 0) << study.errors;
+  EXPECT_THAT(study.output, HasSubstr("nearest within the time: paper"));
+  EXPECT_THAT(study.output, HasSubstr("fastest within the error: "));
+  const std::string csv = read_all(at("study/tradeoff.csv"));
+  for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"preview\"", "\"samples 16\"", "\"least_weight 1e-3\""})
+    EXPECT_THAT(csv, HasSubstr(setting));
+  EXPECT_THAT(read_all(at("study/tradeoff.svg")), HasSubstr("<svg"));
+  EXPECT_THAT(read_all(at("study/report.html")), HasSubstr("preset fast"));
+  const Outcome quick = arah({"render", at("whole"), "-o", at("quick.png"), "--size", "70", "--quality", "preview", "--set", "pixel_step=1"});
+  ASSERT_EQ(quick.code, 0) << quick.errors;
+  EXPECT_NEAR(cv::mean(cv::imread(at("quick.png"), cv::IMREAD_UNCHANGED))[3], cv::mean(color)[3], 3) << "the same silhouette";
 }
 
 TEST_F(Stories, CtrlCKeepsWhatWasLearned) {
@@ -219,6 +239,8 @@ TEST_F(Stories, WrongCallsAreExplained) {
                                              {"train", capture(), "-o", at("x"), "--steps", "1", "--minutes", "1"},
                                              {"train", capture(), "-o", at("x"), "--resume"},
                                              {"render", at("x"), "-o", at("y.png")},
+                                             {"render", at("x"), "-o", at("y.png"), "--quality", "best"},
+                                             {"tradeoff", at("x"), capture(), "-o", at("y")},
                                              {"evaluate", at("x"), capture(), "-o", at("y")},
                                              {"demo", capture()}}) {
     const Outcome outcome = arah(words);
@@ -226,7 +248,8 @@ TEST_F(Stories, WrongCallsAreExplained) {
     EXPECT_THAT(outcome.errors, HasSubstr("arah: "));
     EXPECT_FALSE(fs::exists(at("x")) || fs::exists(at("y")) || fs::exists(at("y.png")));
   }
-  for (const char* word : {"bench", "demo", "devices", "evaluate", "inspect", "render", "synth", "train"}) {
+  for (const char* word : {"bench", "demo", "devices", "evaluate", "inspect", "render", "synth", "tradeoff",
+                           "train"}) {
     const Outcome help = arah({word, "--help"});
     EXPECT_EQ(help.code, 0);
     EXPECT_THAT(help.output, HasSubstr(std::string("Example: arah ") + word));

@@ -1,6 +1,7 @@
 // Both ways of sampling rays show the same body, with every kind of skinning.
 #include <gtest/gtest.h>
 
+#include "host/input_error.h"
 #include "host/rendering/renderer.h"
 #include "tests/host/rendering/capsule_scene.h"
 
@@ -77,6 +78,54 @@ TEST_F(SamplingModes, ShowTheSameBody) {
   const Agreement skinnings = compare("shell, network and template weights", shell, template_shell);
   EXPECT_GT(skinnings.overlap, 0.95);
   EXPECT_LT(skinnings.depth, 0.01);
+}
+
+// Each knob against the exact picture: what it leaves out is nothing, or as little as it says.
+TEST_F(SamplingModes, KnobsCostWhatTheySay) {
+  const Avatar avatar = capsule_avatar(device, small_paper_spec());
+  const auto picture = [&](const char* mode, const std::vector<std::pair<std::string, std::string>>& knobs) {
+    RenderSettings settings = render_preset(avatar, "paper");
+    set_render_knob(settings, "sampling_mode", mode);
+    set_render_knob(settings, "samples", "64");
+    for (const auto& [name, value] : knobs) set_render_knob(settings, name, value);
+    Renderer renderer(device, avatar, settings);
+    return renderer.render(capsule_camera(45, 53), bent_pose(avatar.body.skeleton), 0);
+  };
+  struct Difference {
+    double largest = 0, root_mean_square = 0;
+  };
+  const auto difference = [](const std::string& what, const Picture& a, const Picture& b) {
+    Difference d;
+    for (size_t i = 0; i < a.color.size(); ++i) {
+      const double x = std::abs(a.color[i] - b.color[i]);
+      d.largest = std::max(d.largest, x);
+      d.root_mean_square += x * x;
+    }
+    d.root_mean_square = std::sqrt(d.root_mean_square / double(a.color.size()));
+    std::printf("  %-50s colours differ by up to %.2e, %.2e in the mean of squares\n", what.c_str(), d.largest, d.root_mean_square);
+    return d;
+  };
+  // Samples outside the shell add nothing. But some of them have no correspondence, and a sample that the search loses takes
+  // its factor 1 + 1e-7 of the transmittance with it: at most 64 roundings of 1.2e-7.
+  const Picture around = picture("surface", {});
+  EXPECT_LE(difference("surface, without the shell's bound", around, picture("surface", {{"shell_bound", "false"}})).largest, 64 * 1.2e-7);
+  const Picture exact = picture("shell", {});
+  EXPECT_LE(difference("shell, from the grid", exact, picture("shell", {{"root_correspondence", "search_from_grid"}})).root_mean_square, 2e-4);
+  EXPECT_LE(difference("shell, the grid's answer", exact, picture("shell", {{"root_correspondence", "grid"}})).root_mean_square, 5e-3);
+  EXPECT_LE(difference("shell, the grid alone", exact, picture("shell", {{"root_correspondence", "grid_alone"}})).root_mean_square, 2e-2);
+  // At most 64 samples of this weight and a colour of at most 1 are missing.
+  for (const char* weight : {"1e-5", "1e-3"})
+    EXPECT_LE(difference(std::string("shell, least weight ") + weight, exact, picture("shell", {{"least_weight", weight}})).largest, 64 * std::stod(weight));
+  EXPECT_LE(difference("shell, looser search", exact, picture("shell", {{"root_tolerance", "1e-4"}, {"root_max_iterations", "12"}})).root_mean_square, 2e-3);
+  EXPECT_LE(difference("shell, every second pixel", exact, picture("shell", {{"pixel_step", "2"}})).root_mean_square, 0.1);
+
+  RenderSettings settings = render_preset(avatar, "balanced");
+  for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{{"samples", "0"}, {"samples", "many"}, {"sampling_mode", "everywhere"}, {"shell_bound", "1"}, {"quality", "best"}})
+    EXPECT_THROW(set_render_knob(settings, name, value), InputError) << name << " " << value;
+  EXPECT_THROW(render_preset(avatar, "best"), InputError);
+  set_render_knob(settings, "sampling_mode", "surface");
+  set_render_knob(settings, "samples", "32");
+  EXPECT_THROW(Renderer(device, avatar, settings), InputError) << "33 are the least around a surface";
 }
 
 TEST_F(SamplingModes, FollowHowTheAvatarWasTrained) {

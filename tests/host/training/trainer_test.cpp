@@ -100,6 +100,31 @@ TEST_F(TrainerTest, FollowsTheStoredLossesRepeatsAndContinuesBitForBit) {
 
 }
 
+// The grids of the frames' correspondences are solved with the parameters of a certain step; a resumed run solves them so.
+TEST_F(TrainerTest, ContinuesBitForBitWithCorrespondencesFromGrids) {
+  TrainingSettings settings = small_settings();
+  settings.sampling.root.correspondence = Correspondence::grid_alone;
+  settings.skinning = {.rate = 1e-2, .max_norm = 10};  // so that it matters when the grids were solved
+  settings.grid_steps = 4;
+  settings.least_weight = 1e-3;
+  const auto make = [&] { return Trainer(device, small_capture(), fitted(), settings); };
+  Trainer whole = make();
+  const std::vector<StepReport> reports = train(whole, 12);
+  double found = 0, shaded = 0;
+  for (const StepReport& report : reports) found += report.converged / 12, shaded += report.shaded / 12;
+  std::printf("  %.4f of the samples from the grids, %.4f shaded\n", found, shaded);
+  EXPECT_GT(shaded, 0.02);
+  EXPECT_LT(shaded, 0.9);
+  const std::filesystem::path path = small_capture().path / "with_grids.safetensors";
+  Trainer first = make();
+  train(first, 6);
+  write_safetensors(path, first.checkpoint());
+  Trainer second = make();
+  second.resume(read_safetensors(path));
+  expect_same(train(second, 12), {reports.begin() + 6, reports.end()});
+  EXPECT_TRUE(same_bits(parameters(second), parameters(whole)));
+}
+
 TEST_F(TrainerTest, EveryGroupLearnsOnceItsRateIsNotZero) {
   Trainer training = trainer();
   const auto changed = [&](const std::vector<float>& before, const std::vector<float>& after) {

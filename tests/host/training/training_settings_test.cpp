@@ -17,6 +17,7 @@ void fill_with_new_values(json& object, int& next) {
   for (auto& [name, value] : object.items()) {
     ++next;
     if (value.is_object()) fill_with_new_values(value, next);
+    else if (value.is_boolean()) value = !value.get<bool>();
     else if (value.is_string()) value = "word" + std::to_string(next);
     else if (value.is_number_float()) value = next + 0.5;  // a float holds it exactly
     else value = next;
@@ -28,6 +29,7 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   int next = 1000;
   fill_with_new_values(object, next);
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
+  object["root_correspondence"] = "grid";
   ASSERT_GT(next, 1070) << "fields";
   const TrainingSettings settings = settings_from_json(object.dump(), "config.json");
   EXPECT_EQ(json::parse(settings_to_json(settings)), object);

@@ -1,0 +1,347 @@
+#include "host/evaluation/tradeoff.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "host/evaluation/evaluate.h"
+#include "host/evaluation/image_metrics.h"
+#include "host/evaluation/picture.h"
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+using Knobs = std::vector<std::pair<std::string, std::string>>;
+
+// A PSNR of equal pictures in a plot.
+constexpr double same_picture = 100;
+
+// Each knob alone, from less to more.
+std::vector<Knobs> single_knobs(const SamplingSettings& exact) {
+  std::vector<Knobs> all;
+  const auto knob = [&](const char* name, std::initializer_list<const char*> values) {
+    for (const char* value : values) all.push_back({{name, value}});
+  };
+  if (exact.mode == SamplingMode::surface) {
+    knob("shell_bound", {"false"});
+    all.push_back({{"sampling_mode", "shell"}, {"samples", "32"}});
+  } else {
+    knob("samples", {"24", "16", "12", "8"});
+  }
+  knob("root_tolerance", {"1e-4", "1e-3"});
+  knob("root_max_iterations", {"12", "6", "4"});
+  knob("root_correspondence", {"search_from_grid", "grid", "grid_alone"});
+  knob("least_weight", {"1e-4", "1e-3", "1e-2", "3e-2"});
+  knob("pixel_step", {"2", "3"});
+  return all;
+}
+
+// The stage that a launch belongs to, by the words of its name.
+std::string stage_of(const std::string& launch) {
+  const auto has = [&](const char* word) { return launch.find(word) != std::string::npos; };
+  if (has("sdf layer") || has("distances")) return "distances";
+  if (has("color") || has("colour") || has("feature grid") || has("normals") || has("shaded")) return "shading";
+  if (has("compositing")) return "compositing";
+  if (has("trac") || has("joint")) return "surface";
+  if (has("skinning") || has("correspond") || has("nearest") || has("compaction") || has("normalise")) return "correspondences";
+  return "rays and samples";
+}
+
+struct View {
+  Camera camera;
+  Pose pose;
+  std::size_t latent_row = 0;
+  std::vector<float> photograph;  // rgb on black
+  PixelMask mask;
+  std::string name;
+  int frame = 0;
+};
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+// Mean over the pixels that both see of |depth − exact|, metres, and of the angle between the normals, degrees.
+std::pair<double, double> geometry_errors(const Picture& picture, const Picture& exact) {
+  double depth = 0, angle = 0;
+  std::size_t seen = 0;
+  for (std::size_t i = 0; i < exact.depth.size(); ++i) {
+    if (exact.depth[i] <= 0 || picture.depth[i] <= 0) continue;
+    ++seen;
+    depth += std::abs(double(picture.depth[i]) - exact.depth[i]);
+    double dot = 0, a = 0, b = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double x = picture.normal[3 * i + c], y = exact.normal[3 * i + c];
+      dot += x * y, a += x * x, b += y * y;
+    }
+    if (a > 0 && b > 0) angle += std::acos(std::clamp(dot / std::sqrt(a * b), -1.0, 1.0));
+  }
+  const auto count = static_cast<double>(std::max<std::size_t>(seen, 1));
+  return {depth / count, angle / count * 57.29577951308232};
+}
+
+class Study {
+ public:
+  Study(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress)
+      : device_(device), avatar_(avatar), settings_(settings), progress_(progress), views_(evaluation_views(avatar, capture, settings)) {
+    if (settings.repetitions < 1) throw InputError("--repetitions", "", "at least 1", fmt::format("{}", settings.repetitions));
+  }
+
+  Tradeoff run() {
+    result_.device = device_.report().name;
+    result_.driver = device_.report().driver;
+    result_.width = views_.front().camera.width;
+    result_.height = views_.front().camera.height;
+    result_.pictures_measured = static_cast<int>(views_.size());
+    result_.repetitions = settings_.repetitions;
+    const RenderSettings exact = render_preset(avatar_, "paper");
+    const std::vector<Knobs> knobs = single_knobs(*exact.sampling);
+    total_ = static_cast<double>(knobs.size() + render_presets().size());
+    measure("paper", {}, exact);
+    for (const Knobs& some : knobs) {
+      RenderSettings changed = exact;
+      std::string name;
+      for (const auto& [knob, value] : some) {
+        set_render_knob(changed, knob, value);
+        name += fmt::format("{}{} {}", name.empty() ? "" : ", ", knob, value);
+      }
+      measure(name, some, changed);
+    }
+    for (const std::string& preset : render_presets())
+      if (preset != "paper") measure(preset, {}, render_preset(avatar_, preset));
+    mark_front();
+    pictures();
+    return std::move(result_);
+  }
+
+ private:
+  struct Measured {
+    std::vector<Picture> pictures;
+  };
+
+  static std::vector<View> evaluation_views(const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings) {
+    EvaluationSettings evaluation;
+    evaluation.split = settings.split;
+    evaluation.cameras = settings.cameras;
+    const std::vector<EvaluationPlace> all = evaluation_places(avatar, capture, evaluation);
+    const std::size_t wanted = std::clamp<std::size_t>(static_cast<std::size_t>(std::max(settings.pictures, 1)), 1, all.size());
+    const Motion& motion = motion_of(capture, settings.split);
+    std::vector<View> views;
+    for (std::size_t i = 0; i < wanted; ++i) {
+      const EvaluationPlace& place = all[(2 * i + 1) * all.size() / (2 * wanted)];
+      View view;
+      const Camera& stored = capture.cameras[place.camera];
+      view.camera = settings.size > 0 ? stored.scaled(settings.size) : stored;
+      view.pose = find_frame(motion, place.frame)->pose;
+      view.latent_row = avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0;
+      view.photograph = rgb_on_black(load_image(capture, settings.split, place.camera, place.frame, settings.size));
+      view.mask = projected_box_mask(view.camera, posed_vertices(avatar.body, view.pose));
+      view.name = stored.name;
+      view.frame = place.frame;
+      views.push_back(std::move(view));
+    }
+    return views;
+  }
+
+  void measure(const std::string& name, const Knobs& knobs, RenderSettings settings) {
+    if (progress_) progress_(double(result_.points.size()) / total_, name);
+    TradeoffPoint point;
+    point.name = name;
+    point.knobs = knobs;
+    point.settings = render_settings_json(settings);
+    std::vector<double> times;
+    std::vector<Picture> rendered;
+    {
+      Renderer renderer(device_, avatar_, settings);  // as it would be used: colours and depths alone
+      for (const View& view : views_)
+        for (int repetition = -1; repetition < settings_.repetitions; ++repetition) {
+          const auto start = std::chrono::steady_clock::now();
+          renderer.render(view.camera, view.pose, view.latent_row);
+          if (repetition >= 0) times.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
+        }
+      point.memory_bytes = device_.allocated_bytes();
+      const bool profiled = device_.profiler().enabled;
+      device_.profiler().reset();
+      device_.profiler().enabled = true;
+      renderer.reset_work();
+      for (const View& view : views_) renderer.render(view.camera, view.pose, view.latent_row);
+      std::map<std::string, double> stages;
+      const auto pictures = static_cast<double>(views_.size());
+      for (const auto& [launch, statistics] : device_.profiler().launches()) {
+        stages[stage_of(launch)] += statistics.milliseconds / pictures;
+        point.gflop += statistics.cost.flops * 1e-9 / pictures;
+      }
+      if (device_.report().timestamp_period_ns > 0) point.stages.assign(stages.begin(), stages.end());
+      device_.profiler().reset();
+      device_.profiler().enabled = profiled;
+      const Renderer::Work& work = renderer.work();
+      const RootFindingCounts roots = renderer.root_finder().counts();
+      const auto rays = static_cast<double>(std::max<uint64_t>(work.rays, 1)), samples = static_cast<double>(std::max<uint64_t>(roots.points, 1));
+      point.rays = static_cast<double>(work.rays) / pictures;
+      point.samples_a_ray = static_cast<double>(work.samples) / rays;
+      point.shaded_a_ray = static_cast<double>(work.shaded) / rays;
+      point.search_steps_a_sample = static_cast<double>(roots.steps) / samples;
+      point.found = static_cast<double>(roots.converged) / samples;
+    }
+    settings.normals = true;
+    Renderer renderer(device_, avatar_, settings);
+    std::vector<double> psnr_exact, psnr_photograph, ssim_exact, ssim_photograph;
+    for (std::size_t i = 0; i < views_.size(); ++i) {
+      const View& view = views_[i];
+      rendered.push_back(renderer.render(view.camera, view.pose, view.latent_row));
+      const Picture& exact = exact_.empty() ? rendered[i] : exact_[i];
+      const int w = view.camera.width, h = view.camera.height;
+      const ImageMetrics to_exact = image_metrics({rendered[i].color, w, h}, {exact.color, w, h}, view.mask.inside);
+      const ImageMetrics to_photograph = image_metrics({rendered[i].color, w, h}, {view.photograph, w, h}, view.mask.inside);
+      psnr_exact.push_back(to_exact.psnr);
+      psnr_photograph.push_back(to_photograph.psnr);
+      if (to_exact.ssim) ssim_exact.push_back(*to_exact.ssim);
+      if (to_photograph.ssim) ssim_photograph.push_back(*to_photograph.ssim);
+      const auto [depth, normal] = geometry_errors(rendered[i], exact);
+      point.depth_error += depth / static_cast<double>(views_.size());
+      point.normal_error += normal / static_cast<double>(views_.size());
+    }
+    if (exact_.empty()) exact_ = rendered;
+    if (std::find(render_presets().begin(), render_presets().end(), name) != render_presets().end()) presets_.emplace_back(name, std::move(rendered));
+    const auto mean = [](const std::vector<double>& values) { return mean_of_finite(values); };
+    point.psnr_exact = mean(psnr_exact).value_or(std::numeric_limits<double>::infinity());
+    point.psnr = mean(psnr_photograph).value_or(std::numeric_limits<double>::infinity());
+    point.ssim_exact = mean(ssim_exact);
+    point.ssim = mean(ssim_photograph);
+    point.milliseconds = median(times);
+    point.fastest = *std::min_element(times.begin(), times.end());
+    point.slowest = *std::max_element(times.begin(), times.end());
+    result_.points.push_back(std::move(point));
+  }
+
+  void mark_front() {
+    for (TradeoffPoint& point : result_.points)
+      point.pareto = std::none_of(result_.points.begin(), result_.points.end(), [&](const TradeoffPoint& other) {
+        return other.milliseconds <= point.milliseconds && other.psnr_exact >= point.psnr_exact && (other.milliseconds < point.milliseconds || other.psnr_exact > point.psnr_exact);
+      });
+  }
+
+  void pictures() {
+    for (std::size_t i = 0; i < views_.size(); ++i) {
+      const View& view = views_[i];
+      const int w = view.camera.width, h = view.camera.height;
+      for (const auto& [name, rendered] : presets_) {
+        const ImageMetrics metrics = image_metrics({rendered[i].color, w, h}, {view.photograph, w, h}, view.mask.inside);
+        ReportRow row;
+        row.split = "preset " + name;
+        row.camera = view.name;
+        row.frame = view.frame;
+        row.psnr = metrics.psnr;
+        row.ssim = metrics.ssim;
+        row.images = {{"photograph", encode_png(view.photograph, w, h, 3)},
+                      {"preset " + name, encode_png(rendered[i].color, w, h, 3)},
+                      {"against the exact one ×4", encode_png(error_map(rendered[i].color, exact_[i].color, w, h), w, h, 3)},
+                      {"normals", encode_png(normals_to_rgb(rendered[i].normal, w, h), w, h, 3)}};
+        result_.pictures.push_back(std::move(row));
+      }
+    }
+  }
+
+  Device& device_;
+  const Avatar& avatar_;
+  const TradeoffSettings& settings_;
+  const std::function<void(double, const std::string&)>& progress_;
+  std::vector<View> views_;
+  std::vector<Picture> exact_;
+  std::vector<std::pair<std::string, std::vector<Picture>>> presets_;
+  Tradeoff result_;
+  double total_ = 1;
+};
+
+std::string optional_text(const std::optional<double>& value, const char* format) { return value ? fmt::format(fmt::runtime(format), *value) : ""; }
+
+}  // namespace
+
+Tradeoff measure_tradeoff(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress) {
+  return Study(device, avatar, capture, settings, progress).run();
+}
+
+const TradeoffPoint* fastest_within_error(const Tradeoff& tradeoff, double decibels) {
+  const TradeoffPoint* best = nullptr;
+  for (const TradeoffPoint& point : tradeoff.points)
+    if (point.psnr >= tradeoff.points.front().psnr - decibels && (!best || point.milliseconds < best->milliseconds)) best = &point;
+  return best;
+}
+
+const TradeoffPoint* nearest_within_time(const Tradeoff& tradeoff, double milliseconds) {
+  const TradeoffPoint* best = nullptr;
+  for (const TradeoffPoint& point : tradeoff.points)
+    if (point.milliseconds <= milliseconds && (!best || point.psnr_exact > best->psnr_exact)) best = &point;
+  return best;
+}
+
+std::string tradeoff_csv(const Tradeoff& tradeoff) {
+  std::vector<std::string> stages;
+  for (const TradeoffPoint& point : tradeoff.points)
+    for (const auto& [stage, milliseconds] : point.stages)
+      if (std::find(stages.begin(), stages.end(), stage) == stages.end()) stages.push_back(stage);
+  std::string text =
+      "setting,milliseconds,fastest,slowest,gflop,rays,samples_a_ray,shaded_a_ray,search_steps_a_sample,found,memory_mb,psnr_exact,ssim_exact,psnr_photograph,ssim_photograph,depth_error_mm,normal_error_degrees,pareto";
+  for (const std::string& stage : stages) text += "," + stage + " ms";
+  text += "\n";
+  for (const TradeoffPoint& p : tradeoff.points) {
+    text += fmt::format("\"{}\",{:.2f},{:.2f},{:.2f},{:.3f},{:.0f},{:.2f},{:.2f},{:.3f},{:.5f},{:.1f},{:.3f},{},{:.3f},{},{:.4f},{:.3f},{}", p.name, p.milliseconds, p.fastest, p.slowest, p.gflop, p.rays, p.samples_a_ray,
+                        p.shaded_a_ray, p.search_steps_a_sample, p.found, double(p.memory_bytes) * 1e-6, p.psnr_exact, optional_text(p.ssim_exact, "{:.5f}"), p.psnr, optional_text(p.ssim, "{:.5f}"), 1000 * p.depth_error,
+                        p.normal_error, p.pareto ? 1 : 0);
+    for (const std::string& stage : stages) {
+      const auto found = std::find_if(p.stages.begin(), p.stages.end(), [&](const auto& entry) { return entry.first == stage; });
+      text += found == p.stages.end() ? "," : fmt::format(",{:.2f}", found->second);
+    }
+    text += "\n";
+  }
+  return text;
+}
+
+Plot tradeoff_plot(const Tradeoff& tradeoff) {
+  const auto dot = [](const TradeoffPoint& point) { return PlotPoint{std::log10(std::max(point.milliseconds, 1e-3)), std::min(point.psnr_exact, same_picture), point.name}; };
+  PlotSeries knobs{"one knob", {}}, presets{"presets", {}}, front{"front", {}};
+  for (const TradeoffPoint& point : tradeoff.points) (point.knobs.empty() ? presets : knobs).points.push_back(dot(point));
+  for (const TradeoffPoint& point : tradeoff.points)
+    if (point.pareto) front.points.push_back(dot(point));
+  std::sort(front.points.begin(), front.points.end(), [](const PlotPoint& a, const PlotPoint& b) { return a.x < b.x; });
+  // A series of single dots, each broken off from the next by a point that is not finite.
+  for (PlotSeries* series : {&knobs, &presets}) {
+    std::vector<PlotPoint> apart;
+    for (PlotPoint& point : series->points) {
+      apart.push_back(std::move(point));
+      apart.push_back({std::numeric_limits<double>::quiet_NaN(), 0, ""});
+    }
+    series->points = std::move(apart);
+  }
+  return {fmt::format("{} × {} pixels on {}; {:.0f} dB stand for the same picture", tradeoff.width, tradeoff.height, tradeoff.device, same_picture), "log10 of milliseconds a picture", "PSNR against the exact rendering, dB", {front, knobs, presets}, true};
+}
+
+std::string tradeoff_table(const Tradeoff& tradeoff) {
+  std::string text = fmt::format("{:<44}{:>10}{:>16}{:>9}{:>9}{:>9}{:>8}{:>9}{:>8}\n", "setting", "ms", "(spread)", "exact dB", "photo dB", "depth mm", "norm °", "shaded", "steps");
+  for (const TradeoffPoint& p : tradeoff.points)
+    text += fmt::format("{:<44}{:>10.1f}{:>16}{:>9}{:>9.2f}{:>9.2f}{:>8.2f}{:>9.2f}{:>8.2f}{}\n", p.name, p.milliseconds, fmt::format("({:.0f}-{:.0f})", p.fastest, p.slowest),
+                        std::isfinite(p.psnr_exact) ? fmt::format("{:.2f}", p.psnr_exact) : "same", p.psnr, 1000 * p.depth_error, p.normal_error, p.shaded_a_ray, p.search_steps_a_sample, p.pareto ? "  *" : "");
+  return text + "* nothing measured is both faster and nearer to the exact rendering\n";
+}
+
+Report tradeoff_report(Tradeoff tradeoff, const Avatar& avatar, const std::string& avatar_path, const Capture& capture) {
+  Report report;
+  report.title = "Speed against accuracy: " + avatar_path;
+  report.summary = fmt::format("{} settings, {} pictures of {} × {}, {} repetitions each; times are medians of whole pictures.", tradeoff.points.size(), tradeoff.pictures_measured, tradeoff.width, tradeoff.height, tradeoff.repetitions);
+  report.definition = metrics_definition(kDataRange);
+  report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset, avatar.steps, avatar.seed)}, {"capture", capture.path.string()}, {"device", fmt::format("{} ({})", tradeoff.device, tradeoff.driver)}};
+  for (const TradeoffPoint& p : tradeoff.points)
+    report.facts.emplace_back(p.name + (p.pareto ? " *" : ""), fmt::format("{:.0f} ms ({:.0f} to {:.0f}), {:.2f} GFLOP; against the exact rendering {}, depth {:.2f} mm, normals {:.2f}°; against photographs {:.2f} dB; {:.1f} samples a ray, {:.1f} shaded", p.milliseconds, p.fastest, p.slowest, p.gflop,
+                                                                           std::isfinite(p.psnr_exact) ? fmt::format("{:.2f} dB", p.psnr_exact) : "the same picture", 1000 * p.depth_error, p.normal_error, p.psnr, p.samples_a_ray, p.shaded_a_ray));
+  report.plots = {tradeoff_plot(tradeoff)};
+  report.rows = std::move(tradeoff.pictures);
+  return report;
+}
+
+}  // namespace arah

@@ -1,0 +1,65 @@
+// What each approximation of rendering costs and buys: every knob alone from its exact value, then the presets; times by
+// stage, work, and errors against the exact rendering and against photographs.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "host/avatar/avatar.h"
+#include "host/evaluation/report.h"
+#include "host/rendering/renderer.h"
+
+namespace arah {
+
+struct TradeoffSettings {
+  std::string split = "train";
+  std::string cameras = "held-out";  // as EvaluationSettings
+  int pictures = 2;                  // evenly chosen among those that the split and the cameras have
+  int size = 0;                      // columns; 0: as they are
+  int repetitions = 3;               // of each picture, after one that is not counted
+};
+
+// One setting: its cost, the median over pictures and repetitions, and its errors, the mean over pictures.
+struct TradeoffPoint {
+  std::string name;                                         // "paper", "samples 16", …
+  std::vector<std::pair<std::string, std::string>> knobs;  // what it changes of the exact rendering; empty for a preset
+  std::string settings;                                     // render_settings_json
+  double milliseconds = 0, fastest = 0, slowest = 0;        // of a picture, everything included
+  std::vector<std::pair<std::string, double>> stages;       // milliseconds of a picture on the device, by stage; empty without timestamps
+  double gflop = 0;                                         // of a picture: 10^9 operations of the launches, as their formulas count
+  double rays = 0, samples_a_ray = 0, shaded_a_ray = 0, search_steps_a_sample = 0, found = 0;  // found: share of samples with a correspondence
+  uint64_t memory_bytes = 0;                                // on the device
+  double psnr_exact = 0;                                    // against the exact rendering, dB; +infinity: the same
+  double psnr = 0;                                          // against the photographs, inside the body's box, dB
+  std::optional<double> ssim_exact, ssim;
+  double depth_error = 0;   // metres, mean over the pixels that both see
+  double normal_error = 0;  // degrees, likewise
+  bool pareto = false;      // nothing measured is both faster and nearer to the exact rendering
+};
+
+struct Tradeoff {
+  std::vector<TradeoffPoint> points;  // the exact rendering ("paper") first
+  std::vector<ReportRow> pictures;    // photograph, exact, and each preset with its error
+  std::string device, driver;
+  int width = 0, height = 0, pictures_measured = 0, repetitions = 0;
+};
+
+// progress: the part done, 0..1, and what is being measured. Throws InputError as evaluate does.
+Tradeoff measure_tradeoff(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings,
+                          const std::function<void(double, const std::string&)>& progress = {});
+
+// The fastest point whose PSNR against the photographs is at most `decibels` below the exact rendering's; the point nearest to
+// the exact rendering within this time. Null: none.
+const TradeoffPoint* fastest_within_error(const Tradeoff& tradeoff, double decibels);
+const TradeoffPoint* nearest_within_time(const Tradeoff& tradeoff, double milliseconds);
+
+std::string tradeoff_csv(const Tradeoff& tradeoff);
+// Time against the error of the exact rendering, one dot a setting, the front joined by a line.
+Plot tradeoff_plot(const Tradeoff& tradeoff);
+std::string tradeoff_table(const Tradeoff& tradeoff);
+Report tradeoff_report(Tradeoff tradeoff, const Avatar& avatar, const std::string& avatar_path, const Capture& capture);
+
+}  // namespace arah

@@ -1,0 +1,123 @@
+#include "host/rendering/render_settings.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <charconv>
+#include <cmath>
+#include <functional>
+#include <nlohmann/json.hpp>
+
+#include "host/input_error.h"
+
+namespace arah {
+namespace {
+
+double number(const std::string& name, const std::string& value, double least, double most, bool whole) {
+  double result = 0;
+  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), result);
+  const bool read = error == std::errc() && end == value.data() + value.size();
+  if (!read || !(result >= least && result <= most) || (whole && result != std::floor(result)))
+    throw InputError(name, "", fmt::format("a {} from {} to {}", whole ? "whole number" : "number", least, most), "'" + value + "'");
+  return result;
+}
+
+template <typename Enum>
+Enum word(const std::string& name, const std::string& value, std::initializer_list<Enum> words) {
+  std::vector<std::string> known;
+  for (const Enum candidate : words) {
+    if (value == to_string(candidate)) return candidate;
+    known.emplace_back(to_string(candidate));
+  }
+  throw InputError(name, "", fmt::format("one of {}", fmt::join(known, ", ")), "'" + value + "'");
+}
+
+struct Knob {
+  const char* name;
+  std::function<void(RenderSettings&, const std::string&, const std::string&)> set;  // settings, name, value
+  std::function<nlohmann::ordered_json(const RenderSettings&)> get;
+};
+
+const std::vector<Knob>& knobs() {
+  using Settings = RenderSettings;
+  using Json = nlohmann::ordered_json;
+  static const std::vector<Knob> all{
+      {"sampling_mode", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->mode = word(n, v, {SamplingMode::shell, SamplingMode::surface}); },
+       [](const Settings& s) { return Json(to_string(s.sampling->mode)); }},
+      {"samples", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->samples = static_cast<uint32_t>(number(n, v, 1, 1024, true)); },
+       [](const Settings& s) { return Json(s.sampling->samples); }},
+      {"shell_bound",
+       [](Settings& s, const std::string& n, const std::string& v) {
+         if (v != "true" && v != "false") throw InputError(n, "", "true or false", "'" + v + "'");
+         s.sampling->shell_bound = v == "true";
+       },
+       [](const Settings& s) { return Json(s.sampling->shell_bound); }},
+      {"root_tolerance", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.tolerance = static_cast<float>(number(n, v, 1e-7, 1, false)); },
+       [](const Settings& s) { return Json(s.sampling->root.tolerance); }},
+      {"root_max_iterations", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.max_iterations = static_cast<uint32_t>(number(n, v, 1, 1000, true)); },
+       [](const Settings& s) { return Json(s.sampling->root.max_iterations); }},
+      {"root_correspondence",
+       [](Settings& s, const std::string& n, const std::string& v) {
+         s.sampling->root.correspondence = word(n, v, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone});
+       },
+       [](const Settings& s) { return Json(to_string(s.sampling->root.correspondence)); }},
+      {"least_weight", [](Settings& s, const std::string& n, const std::string& v) { s.least_weight = number(n, v, 0, 1, false); }, [](const Settings& s) { return Json(s.least_weight); }},
+      {"pixel_step", [](Settings& s, const std::string& n, const std::string& v) { s.pixel_step = static_cast<int>(number(n, v, 1, 16, true)); }, [](const Settings& s) { return Json(s.pixel_step); }}};
+  return all;
+}
+
+}  // namespace
+
+SamplingSettings picture_sampling(const Avatar& avatar) {
+  SamplingSettings sampling;
+  sampling.samples = 32;
+  const nlohmann::json trained = nlohmann::json::parse(avatar.settings, nullptr, false);
+  if (!trained.is_object() || trained.value("sampling_mode", nlohmann::json()) != to_string(SamplingMode::surface)) return sampling;
+  sampling.mode = SamplingMode::surface;
+  sampling.samples = 64;
+  return sampling;
+}
+
+const std::vector<std::string>& render_presets() {
+  static const std::vector<std::string> names{"paper", "balanced", "fast", "preview"};
+  return names;
+}
+
+RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
+  RenderSettings settings;
+  settings.sampling = picture_sampling(avatar);
+  if (name == "paper") return settings;
+  SamplingSettings& sampling = *settings.sampling;
+  sampling.root.tolerance = 1e-4f;
+  sampling.root.max_iterations = 12;
+  sampling.root.correspondence = Correspondence::grid;
+  settings.least_weight = 1e-4;
+  if (name == "balanced") return settings;
+  sampling.mode = SamplingMode::shell;
+  sampling.samples = 16;
+  settings.least_weight = 1e-2;
+  if (name == "fast") return settings;
+  sampling.samples = 10;
+  sampling.root.correspondence = Correspondence::grid_alone;
+  settings.least_weight = 3e-2;
+  settings.pixel_step = 2;
+  if (name == "preview") return settings;
+  throw InputError("--quality", "", fmt::format("one of {}", fmt::join(render_presets(), ", ")), "'" + name + "'");
+}
+
+void set_render_knob(RenderSettings& settings, const std::string& name, const std::string& value) {
+  std::vector<std::string> known;
+  for (const Knob& knob : knobs()) {
+    if (name == knob.name) return knob.set(settings, name, value);
+    known.emplace_back(knob.name);
+  }
+  throw InputError(name, "", fmt::format("one of {}", fmt::join(known, ", ")), "no such knob");
+}
+
+std::string render_settings_json(const RenderSettings& settings) {
+  nlohmann::ordered_json json;
+  for (const Knob& knob : knobs()) json[knob.name] = knob.get(settings);
+  return json.dump();
+}
+
+}  // namespace arah

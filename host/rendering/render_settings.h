@@ -1,0 +1,44 @@
+// What a picture may cost: every knob by name, its exact value and what is given up for speed (docs/decisions/render-presets.md).
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/avatar/avatar.h"
+#include "host/rendering/ray_samples.h"
+
+namespace arah {
+
+// The knobs, each with its exact value in brackets:
+//   sampling_mode [as the avatar was trained]  shell, surface: where a ray is sampled
+//   samples [32 in the shell, 64 around surfaces]  of a ray
+//   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
+//   root_tolerance [1e-5]  metres, of a correspondence's residual
+//   root_max_iterations [50]  of a correspondence's search
+//   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for
+//   least_weight [0]  samples whose compositing weight is at most this stay black
+//   pixel_step [1]  every so-many-th pixel of a row and column is computed, those between are interpolated
+struct RenderSettings {
+  std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
+  double least_weight = 0;
+  int pixel_step = 1;  // 1 to 16
+  bool normals = false;
+  uint64_t memory_bytes = 600'000'000;  // of activations: decides how many rays are rendered at a time
+};
+
+// How pictures of an avatar are sampled exactly: 64 samples in the paper's places where it was trained so (`sampling_mode` of
+// its settings), else 32 in the template's shell.
+SamplingSettings picture_sampling(const Avatar& avatar);
+
+// "paper": exact. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. Throws InputError
+// naming the presets for another word.
+RenderSettings render_preset(const Avatar& avatar, const std::string& name);
+const std::vector<std::string>& render_presets();
+
+// One knob by name, its value as text. Throws InputError naming the knob: unknown, or a value that it does not take.
+void set_render_knob(RenderSettings& settings, const std::string& name, const std::string& value);
+// The settings as {"samples": 32, …}: knobs alone.
+std::string render_settings_json(const RenderSettings& settings);
+
+}  // namespace arah
