@@ -46,11 +46,13 @@ CorrespondenceGrid::CorrespondenceGrid(Device& device, FrameOnDevice& frame, con
 void CorrespondenceGrid::solve(Commands& commands, PointRootFinder& finder, FrameOnDevice& frame, const RootFindingSettings& settings) {
   RootFindingSettings own = settings;
   own.correspondence = Correspondence::search;
+  const RootFindingCounts before = finder.counts();
   for (uint32_t first = 0; first < count_; first += finder.capacity()) {
     const uint32_t points = std::min(finder.capacity(), count_ - first);
     const uint64_t bytes = uint64_t(padded_points(points)) * 16;
     finder.solve(commands, frame, points, targets_.slice().sub(first * 16ull, bytes), canonical_.slice().sub((uint64_t(point_padding) + first) * 16, bytes), own);
   }
+  finder.restore_counts(before);
   solved_ = true;
 }
 

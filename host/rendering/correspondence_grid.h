@@ -18,7 +18,8 @@ class CorrespondenceGrid {
   // Room for the nodes that samples in the shell lie between.
   CorrespondenceGrid(Device& device, FrameOnDevice& frame, const ShellSettings& shell);
 
-  // Searches the roots at all nodes, from the nearest posed vertices, with the networks as they are packed now. Submits.
+  // Searches the roots at all nodes, from the nearest posed vertices, with the networks as they are packed now. Submits. The
+  // finder's counts stay as they were.
   void solve(Commands& commands, PointRootFinder& finder, FrameOnDevice& frame, const RootFindingSettings& settings);
 
   bool solved() const { return solved_; }

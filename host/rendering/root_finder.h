@@ -52,6 +52,7 @@ class PointRootFinder {
 
   RootFindingCounts counts() const { return counts_; }
   void reset_counts() { counts_ = {}; }
+  void restore_counts(const RootFindingCounts& counts) { counts_ = counts; }  // of before a search that is not to count
 
  private:
   void solve_by_template(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical);
