@@ -19,8 +19,8 @@ constexpr const char* kTrainingRole = "train";
 bool states_exact_poses(const Capture& capture) {
   const std::filesystem::path description = capture.path / "synthetic.json";
   if (!std::filesystem::is_regular_file(description)) return false;
-  const nlohmann::json json = read_json(description);
-  return json.is_object() && json.value("poses", nlohmann::json()) == "exact";
+  const nlohmann::json stated = read_json(description);
+  return stated.is_object() && stated.value("poses", nlohmann::json()) == "exact";
 }
 
 std::string plural(std::size_t count, const char* noun) {

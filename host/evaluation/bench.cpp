@@ -306,4 +306,45 @@ std::string bench_json(const BenchResult& result) {
          "\n";
 }
 
+namespace {
+
+// name and shape → milliseconds of one call, in the file's order.
+std::vector<std::pair<std::string, double>> timed_lines(const nlohmann::ordered_json& file) {
+  std::vector<std::pair<std::string, double>> lines;
+  const auto add = [&](const std::string& prefix, const nlohmann::ordered_json& all) {
+    for (const auto& line : all) {
+      const double calls = line.at("calls").get<double>();
+      lines.emplace_back(fmt::format("{}{}{}", prefix, line.at("name").get<std::string>(), line.contains("shape") ? ", " + line["shape"].get<std::string>() : ""),
+                         line.at("milliseconds").get<double>() / std::max(calls, 1.0));
+    }
+  };
+  add("", file.at("kernels").at("lines"));
+  const auto& step = file.at("training_step");
+  lines.emplace_back("training step", step.at("median_milliseconds").get<double>());
+  add("step: ", step.at("stages"));
+  return lines;
+}
+
+}  // namespace
+
+std::string bench_comparison(const std::string& old_json, const std::string& old_name, const std::string& new_json) {
+  std::vector<std::pair<std::string, double>> before;
+  try {
+    before = timed_lines(nlohmann::ordered_json::parse(old_json));
+  } catch (const nlohmann::json::exception&) {
+    throw InputError(old_name, "", "a file that arah bench --json wrote", "something else");
+  }
+  const auto after = timed_lines(nlohmann::ordered_json::parse(new_json));
+  const auto find = [](const auto& lines, const std::string& name) { return std::find_if(lines.begin(), lines.end(), [&](const auto& line) { return line.first == name; }); };
+  std::string text = fmt::format("{:<64}{:>12}{:>12}{:>9}\n", "milliseconds a call", "before", "after", "ratio"), gone;
+  for (const auto& [name, milliseconds] : after) {
+    const auto old = find(before, name);
+    if (old == before.end()) text += fmt::format("{:<64}{:>12}{:>12.3f}{:>9}\n", name, "-", milliseconds, "new");
+    else text += fmt::format("{:<64}{:>12.3f}{:>12.3f}{:>9.2f}\n", name, old->second, milliseconds, milliseconds / std::max(old->second, 1e-9));
+  }
+  for (const auto& [name, milliseconds] : before)
+    if (find(after, name) == after.end()) gone += fmt::format("{:<64}{:>12.3f}{:>12}{:>9}\n", name, milliseconds, "-", "gone");
+  return text + gone;
+}
+
 }  // namespace arah

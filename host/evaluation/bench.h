@@ -51,4 +51,8 @@ std::string bench_table(const BenchResult& result);
 // "gigabytes_per_second", "sgemm_gflops", "share_of_sgemm"}]}; what does not apply to a line is absent from it.
 std::string bench_json(const BenchResult& result);
 
+// Two files of `arah bench --json`, line by line: milliseconds before and after, and after / before (below 1: faster). Lines
+// that only one of them has are named. Throws InputError naming `old_name` where the old text is no such file.
+std::string bench_comparison(const std::string& old_json, const std::string& old_name, const std::string& new_json);
+
 }  // namespace arah

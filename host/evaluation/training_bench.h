@@ -18,7 +18,7 @@ struct TrainingBenchSettings {
 struct TrainingBench {
   std::string preset;
   uint32_t rays = 0, samples = 0;  // of a step
-  double median_milliseconds = 0;  // of a step; every fourth one trains the skinning network and takes longer
+  double median_milliseconds = 0;  // of a step; every eighth one trains the skinning network and takes longer
   double mean_milliseconds = 0;    // of a step
   uint32_t profiled = 0;           // steps that `stages` cover; 0: the device has no timestamps
   std::vector<BenchLine> stages;   // by named launch, slowest first

@@ -49,6 +49,27 @@ TEST(Bench, TurnsAProfileIntoLinesSlowestFirst) {
   EXPECT_EQ(lines[1].share_of_sgemm(), 0);
 }
 
+TEST(Bench, ComparesTwoFilesLineByLine) {
+  const auto file = [](double forward, double step, const char* stage) {
+    return nlohmann::json{
+        {"kernels", {{"lines", {{{"name", "linear forward"}, {"shape", "64 x 8 x 8"}, {"calls", 1}, {"milliseconds", forward}}}}}},
+        {"training_step", {{"median_milliseconds", step}, {"stages", {{{"name", stage}, {"calls", 4}, {"milliseconds", 8.0}}}}}}}
+        .dump();
+  };
+  const std::string text = bench_comparison(file(3, 50, "left"), "before.json", file(1.5, 40, "added"));
+  const auto line = [&](const std::string& name) {
+    const size_t at = text.find(name);
+    return at == std::string::npos ? std::string() : text.substr(at, text.find('\n', at) - at);
+  };
+  EXPECT_NE(line("linear forward, 64 x 8 x 8").find("0.50"), std::string::npos) << text;
+  EXPECT_NE(line("training step").find("0.80"), std::string::npos) << text;
+  EXPECT_NE(line("step: added").find("2.000"), std::string::npos) << text;
+  EXPECT_NE(line("step: added").find("new"), std::string::npos) << text;
+  EXPECT_NE(line("step: left").find("gone"), std::string::npos) << text;
+  EXPECT_THROW(bench_comparison("{}", "before.json", file(1, 1, "a")), InputError);
+  EXPECT_THROW(bench_comparison("no JSON", "before.json", file(1, 1, "a")), InputError);
+}
+
 TEST(Bench, RefusesSettingsOutOfRange) {
   Device device;
   EXPECT_THROW(run_bench(device, {.points = 100}), InputError);
