@@ -18,6 +18,9 @@ namespace {
 
 using Knobs = std::vector<std::pair<std::string, std::string>>;
 
+// Of the renderings that are compared and not timed.
+constexpr uint64_t memory_of_errors = 100'000'000;
+
 // A PSNR of equal pictures in a plot.
 constexpr double same_picture = 100;
 
@@ -190,6 +193,7 @@ class Study {
       point.found = static_cast<double>(roots.converged) / samples;
     }
     settings.normals = true;
+    settings.memory_bytes = memory_of_errors;
     Renderer renderer(device_, avatar_, settings);
     std::vector<double> psnr_exact, psnr_photograph, ssim_exact, ssim_photograph;
     for (std::size_t i = 0; i < views_.size(); ++i) {

@@ -159,7 +159,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_EQ(studied.code, 2);
   EXPECT_THAT(studied.errors, HasSubstr("--budget"));
   const Outcome study = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--pictures", "1", "--repetitions", "1",
-                              "--size", "48", "--budget", "100s", "--max-error", "50dB"});
+                              "--size", "32", "--budget", "100s", "--max-error", "50dB"});
   ASSERT_EQ(study.code, 0) << study.errors;
   EXPECT_THAT(study.output, HasSubstr("nearest within the time: paper"));
   EXPECT_THAT(study.output, HasSubstr("fastest within the error: "));
