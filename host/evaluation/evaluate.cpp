@@ -89,7 +89,7 @@ std::vector<float> rgb_on_black(const Image& image) {
 
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
                     const std::function<bool(double)>& progress) {
-  const std::vector<EvaluationPlace> todo = evaluation_places(avatar, capture, settings);
+  const std::vector<EvaluationPlace> chosen = evaluation_places(avatar, capture, settings);
   const Motion& motion = motion_of(capture, settings.split);
   RenderSettings render_settings = settings.render.value_or(render_preset(avatar, "paper"));
   render_settings.normals = settings.pictures;
@@ -99,8 +99,8 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   result.settings = settings;
   const auto start = std::chrono::steady_clock::now();
   std::vector<double> psnrs, ssims;
-  for (std::size_t i = 0; i < todo.size(); ++i) {
-    const EvaluationPlace& place = todo[i];
+  for (std::size_t i = 0; i < chosen.size(); ++i) {
+    const EvaluationPlace& place = chosen[i];
     const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
     const Camera& stored = capture.cameras[place.camera];
     const Camera camera = settings.size > 0 ? stored.scaled(settings.size) : stored;
@@ -112,7 +112,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                        "Check cameras and poses with arah inspect, or leave the camera out with --cameras.");
     const Picture picture = renderer.render(
         camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part) {
-          return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(todo.size()));
+          return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(chosen.size()));
         });
     const std::vector<float> truth = rgb_on_black(photograph);
     const int w = camera.width, h = camera.height;
