@@ -16,6 +16,8 @@ namespace arah {
 struct Pose {
   std::vector<glm::dvec3> theta;  // [J]
   glm::dvec3 root_position{0.0};
+
+  bool operator==(const Pose&) const = default;
 };
 
 // The pose that leaves the skeleton as it rests.

@@ -156,7 +156,7 @@ Anatomy make_anatomy(std::uint64_t seed) {
   return anatomy;
 }
 
-Field muscle_union(const std::vector<Muscle>& muscles, double blend_factor) {
+ImplicitField muscle_union(const std::vector<Muscle>& muscles, double blend_factor) {
   struct Part {
     TaperedCapsule shape;
     int limb;

@@ -32,7 +32,7 @@ Anatomy make_anatomy(std::uint64_t seed);
 
 // The smooth union of some of the muscles, swollen by `offset` metres; `blend_factor` scales every muscle's blend.
 // At least one must be given.
-Field muscle_union(const std::vector<Muscle>& muscles, double blend_factor);
+ImplicitField muscle_union(const std::vector<Muscle>& muscles, double blend_factor);
 
 // The box around some muscles, grown by `margin` metres on all sides.
 struct Box {

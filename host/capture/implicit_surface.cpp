@@ -28,23 +28,9 @@ double smooth_minimum(double x, double y, double blend) {
 
 namespace {
 
-// Field values on the nodes of a grid; blocks of nodes far from the zero set get the value at their centre.
-struct Grid {
-  glm::dvec3 low;
-  double cell;
-  glm::ivec3 nodes;
-  std::vector<double> values;
-
-  std::size_t index(int x, int y, int z) const {
-    const auto stride_y = static_cast<std::size_t>(nodes.x);
-    return static_cast<std::size_t>(x) +
-           stride_y * (static_cast<std::size_t>(y) + static_cast<std::size_t>(nodes.y) * static_cast<std::size_t>(z));
-  }
-  glm::dvec3 position(int x, int y, int z) const { return low + cell * glm::dvec3(x, y, z); }
-};
-
-Grid sample_field(const Field& field, const glm::dvec3& low, const glm::dvec3& high, double cell) {
-  Grid grid{low, cell, glm::ivec3(glm::ceil((high - low) / cell)) + 1, {}};
+// Values at the nodes of the box [low, high]; blocks of nodes far from the zero set get the value at their centre.
+FieldSamples sample_field(const ImplicitField& field, const glm::dvec3& low, const glm::dvec3& high, double cell) {
+  FieldSamples grid{low, cell, glm::ivec3(glm::ceil((high - low) / cell)) + 1, {}};
   const glm::ivec3 n = grid.nodes;
   grid.values.resize(static_cast<std::size_t>(n.x) * static_cast<std::size_t>(n.y) * static_cast<std::size_t>(n.z));
   constexpr int block = 4;
@@ -59,13 +45,13 @@ Grid sample_field(const Field& field, const glm::dvec3& low, const glm::dvec3& h
         for (int z = z0; z < std::min(z0 + block, n.z); ++z)
           for (int y = y0; y < std::min(y0 + block, n.y); ++y)
             for (int x = x0; x < std::min(x0 + block, n.x); ++x)
-              grid.values[grid.index(x, y, z)] = far ? centre : field(grid.position(x, y, z));
+              grid.values[grid.index(x, y, z)] = static_cast<float>(far ? centre : field(grid.position(x, y, z)));
       }
   return grid;
 }
 
 // Whether the eight corners of a cell lie on both sides of the surface.
-bool crosses(const Grid& grid, int x, int y, int z) {
+bool crosses(const FieldSamples& grid, int x, int y, int z) {
   const std::size_t corner = grid.index(x, y, z), row = static_cast<std::size_t>(grid.nodes.x);
   const std::size_t layer = row * static_cast<std::size_t>(grid.nodes.y);
   int inside = 0;
@@ -75,7 +61,7 @@ bool crosses(const Grid& grid, int x, int y, int z) {
 }
 
 // The vertex of a cell that the surface crosses: the mean of the crossings on its twelve edges.
-glm::dvec3 cell_vertex(const Grid& grid, int x, int y, int z) {
+glm::dvec3 cell_vertex(const FieldSamples& grid, int x, int y, int z) {
   glm::dvec3 sum(0);
   int crossings = 0;
   for (int axis = 0; axis < 3; ++axis)
@@ -85,8 +71,8 @@ glm::dvec3 cell_vertex(const Grid& grid, int x, int y, int z) {
       from[(axis + 2) % 3] += side >> 1;
       glm::ivec3 to = from;
       to[axis] += 1;
-      const double f = grid.values[grid.index(from.x, from.y, from.z)];
-      const double g = grid.values[grid.index(to.x, to.y, to.z)];
+      const double f = double{grid.values[grid.index(from.x, from.y, from.z)]};
+      const double g = double{grid.values[grid.index(to.x, to.y, to.z)]};
       if ((f < 0) == (g < 0)) continue;
       sum += glm::mix(grid.position(from.x, from.y, from.z), grid.position(to.x, to.y, to.z), f / (f - g));
       ++crossings;
@@ -95,7 +81,7 @@ glm::dvec3 cell_vertex(const Grid& grid, int x, int y, int z) {
 }
 
 // One Newton step onto the zero set, at most half a cell long.
-glm::dvec3 towards_zero_set(const Field& field, const glm::dvec3& point, double cell) {
+glm::dvec3 towards_zero_set(const ImplicitField& field, const glm::dvec3& point, double cell) {
   const double h = 0.01 * cell, value = field(point);
   glm::dvec3 gradient;
   for (int axis = 0; axis < 3; ++axis) {
@@ -127,8 +113,30 @@ std::vector<std::vector<std::uint32_t>> vertex_neighbours(std::size_t vertices,
   return neighbours;
 }
 
-TriangleMesh mesh_zero_set(const Field& field, const glm::dvec3& low, const glm::dvec3& high, double cell) {
-  const Grid grid = sample_field(field, low, high, cell);
+double FieldSamples::between(const glm::dvec3& point) const {
+  const glm::dvec3 place = glm::clamp((point - low) / cell, glm::dvec3(0.0), glm::dvec3(nodes - 1));
+  const glm::ivec3 corner = glm::min(glm::ivec3(place), nodes - 2);
+  const glm::dvec3 part = place - glm::dvec3(corner);
+  double layers[2];
+  for (int z = 0; z < 2; ++z) {
+    double lines[2];
+    for (int y = 0; y < 2; ++y) {
+      const std::size_t first = index(corner.x, corner.y + y, corner.z + z);
+      lines[y] = glm::mix(double{values[first]}, double{values[first + 1]}, part.x);
+    }
+    layers[z] = glm::mix(lines[0], lines[1], part.y);
+  }
+  return glm::mix(layers[0], layers[1], part.z);
+}
+
+TriangleMesh mesh_zero_set(const ImplicitField& field, const glm::dvec3& low, const glm::dvec3& high, double cell) {
+  TriangleMesh mesh = surface_nets(sample_field(field, low, high, cell));
+  constexpr int rounds = 3;
+  even_out(mesh, field, cell, rounds);
+  return mesh;
+}
+
+TriangleMesh surface_nets(const FieldSamples& grid) {
   const glm::ivec3 n = grid.nodes;
   constexpr std::uint32_t none = ~0u;
   TriangleMesh mesh;
@@ -146,14 +154,14 @@ TriangleMesh mesh_zero_set(const Field& field, const glm::dvec3& low, const glm:
                                  static_cast<std::size_t>(n.x) * static_cast<std::size_t>(n.y)};
   const auto join = [&](const glm::ivec3& node, int axis) {
     const std::size_t at = grid.index(node.x, node.y, node.z);
-    const double f = grid.values[at], g = grid.values[at + stride[axis]];
-    if ((f < 0) == (g < 0)) return;
+    const bool inside = grid.values[at] < 0;
+    if (inside == (grid.values[at + stride[axis]] < 0)) return;
     glm::ivec3 du(0), dv(0);
     du[(axis + 1) % 3] = 1;
     dv[(axis + 2) % 3] = 1;
     const auto vertex = [&](const glm::ivec3& c) { return vertex_of_cell[grid.index(c.x, c.y, c.z)]; };
     std::array<std::uint32_t, 4> quad = {vertex(node - du - dv), vertex(node - dv), vertex(node), vertex(node - du)};
-    if (f >= 0) std::swap(quad[1], quad[3]);
+    if (!inside) std::swap(quad[1], quad[3]);
     const auto length = [&](int i, int j) { return glm::distance(mesh.vertices[quad[i]], mesh.vertices[quad[j]]); };
     if (length(0, 2) <= length(1, 3)) {
       mesh.triangles.emplace_back(quad[0], quad[1], quad[2]);
@@ -168,8 +176,11 @@ TriangleMesh mesh_zero_set(const Field& field, const glm::dvec3& low, const glm:
       for (int x = 1; x + 1 < n.x; ++x)
         for (int axis = 0; axis < 3; ++axis) join({x, y, z}, axis);
 
+  return mesh;
+}
+
+void even_out(TriangleMesh& mesh, const ImplicitField& field, double cell, int rounds) {
   const auto neighbours = vertex_neighbours(mesh.vertices.size(), mesh.triangles);
-  constexpr int rounds = 3;
   for (int round = 0; round < rounds; ++round) {
     std::vector<glm::dvec3> evened = mesh.vertices;
     for (std::size_t i = 0; i < evened.size(); ++i) {
@@ -181,7 +192,6 @@ TriangleMesh mesh_zero_set(const Field& field, const glm::dvec3& low, const glm:
     }
     mesh.vertices = std::move(evened);
   }
-  return mesh;
 }
 
 std::vector<glm::dvec3> vertex_normals(const std::vector<glm::dvec3>& vertices,

@@ -25,16 +25,39 @@ double signed_distance(const TaperedCapsule& capsule, const glm::dvec3& point);
 double smooth_minimum(double x, double y, double blend);
 
 // An implicit shape: negative inside, near its zero set roughly a distance in metres.
-using Field = std::function<double(const glm::dvec3&)>;
+using ImplicitField = std::function<double(const glm::dvec3&)>;
 
 struct TriangleMesh {
   std::vector<glm::dvec3> vertices;
   std::vector<glm::uvec3> triangles;  // counter-clockwise seen from outside
 };
 
+// Values of a field at the nodes of a box of cubes: node (x, y, z) lies at low + cell · (x, y, z).
+struct FieldSamples {
+  glm::dvec3 low{0.0};
+  double cell = 1;  // metres
+  glm::ivec3 nodes{0};
+  std::vector<float> values;  // x first, z last
+
+  std::size_t index(int x, int y, int z) const {
+    return static_cast<std::size_t>(x) + static_cast<std::size_t>(nodes.x) * (static_cast<std::size_t>(y) + static_cast<std::size_t>(nodes.y) * static_cast<std::size_t>(z));
+  }
+  glm::dvec3 position(int x, int y, int z) const { return low + cell * glm::dvec3(x, y, z); }
+  // Trilinear between the nodes; outside the box the nearest place of it answers.
+  double between(const glm::dvec3& point) const;
+};
+
+// The zero set between the nodes by surface nets: one vertex in every cell that it crosses. It must not reach the box's
+// faces. Parts thinner than two cells may be lost.
+TriangleMesh surface_nets(const FieldSamples& samples);
+
+// Evens the mesh out tangentially: every round moves each vertex halfway to its neighbours' mean and back onto the zero set of
+// `field` by one Newton step of at most half a cell.
+void even_out(TriangleMesh& mesh, const ImplicitField& field, double cell, int rounds);
+
 // The zero set of `field` inside the box [low, high] (which must enclose it) by surface nets on cubes of edge `cell`
-// (metres), then evened out tangentially and projected back on the zero set. Parts thinner than two cells may be lost.
-TriangleMesh mesh_zero_set(const Field& field, const glm::dvec3& low, const glm::dvec3& high, double cell);
+// (metres), evened out.
+TriangleMesh mesh_zero_set(const ImplicitField& field, const glm::dvec3& low, const glm::dvec3& high, double cell);
 
 // Area-weighted unit normals, one a vertex; (0, 1, 0) where a vertex has no area around it.
 std::vector<glm::dvec3> vertex_normals(const std::vector<glm::dvec3>& vertices,

@@ -12,7 +12,7 @@ constexpr int kSamples = 3;                // a pixel and axis
 constexpr int kBandSamples = 1024 * 1024;  // depth samples held at a time: rows are drawn in bands of this size
 
 struct Corner {
-  double x, y;           // samples, kSamples to a pixel; sample s lies at its integer coordinate
+  double x, y;           // samples; sample s lies at its integer coordinate
   double inverse_depth;  // 1 / m
 };
 
@@ -56,6 +56,29 @@ void draw(const Corner (&corner)[3], std::uint32_t triangle, int columns, int fi
     }
 }
 
+// Vertices in a picture of `samples` a pixel and axis, and which of them are far enough from the camera to be drawn.
+struct Projected {
+  std::vector<Corner> corners;
+  std::vector<bool> drawn;
+
+  bool draws(const glm::uvec3& triangle) const { return drawn[triangle.x] && drawn[triangle.y] && drawn[triangle.z]; }
+};
+
+Projected project(const Camera& camera, std::span<const glm::vec3> positions, int samples) {
+  Projected result{std::vector<Corner>(positions.size()), std::vector<bool>(positions.size(), false)};
+  std::vector<double> depths(positions.size());
+  double furthest = 0;
+  for (std::size_t i = 0; i < positions.size(); ++i) furthest = std::max(furthest, depths[i] = camera.to_camera(glm::dvec3(positions[i])).z);
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    if (depths[i] <= 0.01 * furthest) continue;
+    const glm::dvec2 pixel = camera.project(glm::dvec3(positions[i]));
+    // Sample s of a pixel's lies (s - (samples - 1) / 2) / samples beside the pixel's centre.
+    result.corners[i] = {pixel.x * samples + 0.5 * (samples - 1), pixel.y * samples + 0.5 * (samples - 1), 1.0 / depths[i]};
+    result.drawn[i] = true;
+  }
+  return result;
+}
+
 std::uint8_t byte(float value) {
   return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)));
 }
@@ -66,25 +89,14 @@ RgbaPicture rasterise(const Camera& camera, std::span<const glm::vec3> positions
                       const Shader& shade) {
   RgbaPicture picture{camera.width, camera.height, {}};
   picture.rgba.resize(static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height) * 4);
-  std::vector<Corner> corners(positions.size());
-  std::vector<double> depths(positions.size());
-  double furthest = 0;
-  for (std::size_t i = 0; i < positions.size(); ++i) {
-    const glm::dvec3 p = camera.to_camera(glm::dvec3(positions[i]));
-    depths[i] = p.z;
-    furthest = std::max(furthest, p.z);
-    if (p.z <= 0) continue;
-    const glm::dvec2 pixel = camera.project(glm::dvec3(positions[i]));
-    // Sample s of a pixel's kSamples lies (s - (kSamples - 1) / 2) / kSamples beside the pixel's centre.
-    corners[i] = {pixel.x * kSamples + 0.5 * (kSamples - 1), pixel.y * kSamples + 0.5 * (kSamples - 1), 1.0 / p.z};
-  }
-  const double nearest = 0.01 * furthest;
+  const Projected projected = project(camera, positions, kSamples);
+  const std::vector<Corner>& corners = projected.corners;
   const glm::vec3 eye(camera.center());
 
   // The rows of pixels that anything may touch.
   int top = camera.height, bottom = 0;
   for (std::size_t i = 0; i < positions.size(); ++i) {
-    if (depths[i] <= nearest) continue;
+    if (!projected.drawn[i]) continue;
     const double row = std::clamp(corners[i].y / kSamples, 0.0, static_cast<double>(camera.height));
     top = std::min(top, static_cast<int>(row));
     bottom = std::max(bottom, std::min(static_cast<int>(row) + 1, camera.height));
@@ -97,7 +109,7 @@ RgbaPicture rasterise(const Camera& camera, std::span<const glm::vec3> positions
     samples.assign(static_cast<std::size_t>(rows * kSamples) * static_cast<std::size_t>(columns), Sample{});
     for (std::uint32_t t = 0; t < triangles.size(); ++t) {
       const glm::uvec3& v = triangles[t];
-      if (!(depths[v.x] > nearest && depths[v.y] > nearest && depths[v.z] > nearest)) continue;
+      if (!projected.draws(v)) continue;
       draw({corners[v.x], corners[v.y], corners[v.z]}, t, columns, first * kSamples, rows * kSamples, samples);
     }
     for (int y = 0; y < rows; ++y)
@@ -125,6 +137,21 @@ RgbaPicture rasterise(const Camera& camera, std::span<const glm::vec3> positions
       }
   }
   return picture;
+}
+
+std::vector<VisiblePlace> visible_places(const Camera& camera, std::span<const glm::vec3> positions, std::span<const glm::uvec3> triangles) {
+  const Projected projected = project(camera, positions, 1);
+  std::vector<Sample> samples(static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
+  for (std::uint32_t t = 0; t < triangles.size(); ++t) {
+    const glm::uvec3& v = triangles[t];
+    if (projected.draws(v)) draw({projected.corners[v.x], projected.corners[v.y], projected.corners[v.z]}, t, camera.width, 0, camera.height, samples);
+  }
+  std::vector<VisiblePlace> places(samples.size());
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const Sample& sample = samples[i];
+    if (sample.inverse_depth > 0) places[i] = {sample.triangle, {1.0f - sample.second - sample.third, sample.second, sample.third}};
+  }
+  return places;
 }
 
 }  // namespace arah

@@ -35,4 +35,15 @@ using Shader = std::function<glm::vec3(const SurfaceSample&)>;
 RgbaPicture rasterise(const Camera& camera, std::span<const glm::vec3> positions, std::span<const glm::uvec3> triangles,
                       const Shader& shade);
 
+// What the centre of a pixel sees.
+struct VisiblePlace {
+  std::uint32_t triangle = no_triangle;
+  glm::vec3 barycentric{0.0f};  // as SurfaceSample's
+
+  static constexpr std::uint32_t no_triangle = 0xffffffff;
+};
+
+// The nearest triangle at each pixel's centre, row-major, top left first; triangles too near are left out as by rasterise.
+std::vector<VisiblePlace> visible_places(const Camera& camera, std::span<const glm::vec3> positions, std::span<const glm::uvec3> triangles);
+
 }  // namespace arah

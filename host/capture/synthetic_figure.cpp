@@ -172,8 +172,8 @@ Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTem
   for (const Muscle& muscle : anatomy.muscles)
     if (muscle.*garment.worn_by) worn.push_back(muscle);
   const Box box = bounds(worn, 0.08);  // cloth stands off by up to 4 cm and its blends swell
-  const Field skin = muscle_union(worn, garment.blend_factor);
-  const Field cloth = [&](const glm::dvec3& p) { return skin(p) - height * garment.offset(p / height); };
+  const ImplicitField skin = muscle_union(worn, garment.blend_factor);
+  const ImplicitField cloth = [&](const glm::dvec3& p) { return skin(p) - height * garment.offset(p / height); };
   TriangleMesh mesh = mesh_zero_set(cloth, box.low, box.high, 0.0135);
 
   std::vector<std::vector<float>> all(mesh.vertices.size(), std::vector<float>(body.skeleton.size(), 0.0f));

@@ -27,7 +27,9 @@ struct TradeoffPoint {
   std::string name;                                         // "paper", "samples 16", …
   std::vector<std::pair<std::string, std::string>> knobs;  // what it changes of the exact rendering; empty for a preset
   std::string settings;                                     // render_settings_json
-  double milliseconds = 0, fastest = 0, slowest = 0;        // of a picture, everything included
+  double milliseconds = 0, fastest = 0, slowest = 0;        // of a picture of a new pose, everything included but baking
+  double milliseconds_same_pose = 0;                        // of another picture of that pose
+  double baking_milliseconds = 0;                           // once for each code, before its first picture
   std::vector<std::pair<std::string, double>> stages;       // milliseconds of a picture on the device, by stage; empty without timestamps
   double gflop = 0;                                         // of a picture: 10^9 operations of the launches, as their formulas count
   double rays = 0, samples_a_ray = 0, shaded_a_ray = 0, search_steps_a_sample = 0, found = 0;  // found: share of samples with a correspondence

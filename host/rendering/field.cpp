@@ -37,8 +37,6 @@ Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, con
       with_point_ = Buffer(device_, "samples: with a point", capacity * 4ull, BufferPlace::device);
       with_point_count_ = Buffer(device_, "samples: how many with a point", sizeof(WorkCount), BufferPlace::shared);
       compaction_ = Buffer(device_, "samples: compaction", compact_blocks(capacity) * 4ull, BufferPlace::device);
-      distances_ = Buffer(device_, "samples: distances by row", capacity * 16ull, BufferPlace::device);
-      device_.upload(distances_.slice(), std::vector<float>(capacity * 4ull, 0.0f));
     }
     CompactArgs found;
     found.rows.range.points = rows;
@@ -57,7 +55,30 @@ Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, con
     networks_.sdf().record_forward(commands, *distance_tape_, evaluated.range, false);
   }
   if (!sparse) return distance_tape_->sdf();
-  if (evaluated.range.points) record_scatter_distances(commands, {evaluated.range.points, with_point_.slice(), distance_tape_->sdf(), distances_.slice()});
+  const Matrix result = distances_by_row();
+  if (evaluated.range.points) record_scatter_distances(commands, {evaluated.range.points, with_point_.slice(), distance_tape_->sdf(), result.slice});
+  return result;
+}
+
+Matrix Field::record_distances(Commands& commands, const BufferSlice& canonical, uint32_t rows, const DistanceNodes& baked) {
+  const Matrix result = distances_by_row();
+  record_interpolate_distances(commands, {rows, canonical, baked, result.slice});
+  return result;
+}
+
+Matrix Field::opaque_distances() {
+  if (!opaque_.bytes()) {
+    opaque_ = Buffer(device_, "samples: distances inside", capacity() * 16ull, BufferPlace::device);
+    device_.upload(opaque_.slice(), std::vector<float>(capacity() * 4ull, -1.0f));
+  }
+  return {opaque_.slice(), 4, 0};
+}
+
+Matrix Field::distances_by_row() {
+  if (!distances_.bytes()) {
+    distances_ = Buffer(device_, "samples: distances by row", capacity() * 16ull, BufferPlace::device);
+    device_.upload(distances_.slice(), std::vector<float>(capacity() * 4ull, 0.0f));
+  }
   return {distances_.slice(), 4, 0};
 }
 

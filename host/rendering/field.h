@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "host/rendering/avatar_networks.h"
+#include "kernels/tracing/interpolate_distances.h"
 
 namespace arah {
 
@@ -18,6 +19,11 @@ class Field {
   // next call. sparse: only rows with w > 0 are evaluated, the others' distances mean nothing; submits, to know how many they
   // are. Worth it where a good part of the rows has no point.
   Matrix record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows, bool sparse);
+  // The same from a grid of distances in cube units (baked_distances.h).
+  Matrix record_distances(Commands& commands, const BufferSlice& canonical, uint32_t rows, const DistanceNodes& baked);
+  // The same for samples on a surface that lets nothing through: deep inside, whatever the network says.
+  Matrix opaque_distances();
+  uint32_t capacity() const { return distance_tape_->capacity(); }
 
   struct Inputs {
     BufferSlice frame;      // FrameConstants
@@ -56,12 +62,15 @@ class Field {
   BufferSlice scratch() { return scratch_.slice(); }
 
  private:
+  Matrix distances_by_row();
+
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t samples_per_ray_;
   std::optional<SirenTape> distance_tape_, sdf_tape_;
   std::optional<DenseTape> color_tape_;
-  Buffer with_point_, with_point_count_, compaction_, distances_;  // of sparse distances
+  Buffer with_point_, with_point_count_, compaction_;  // of sparse distances
+  Buffer distances_, opaque_;                          // by row, not from the tape
   Buffer d_position_, upstream_, scratch_, normals_, d_normals_;  // the last two: of the colour's input
 };
 

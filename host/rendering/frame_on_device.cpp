@@ -9,53 +9,13 @@
 
 #include "host/body/canonical.h"
 #include "host/body/pose.h"
+#include "host/rendering/template_distances.h"
 #include "shaders/shared/frame.h"
 
 namespace arah {
 namespace {
 
 constexpr double box_margin = 0.05;  // metres (ARAH.md §4)
-
-// Vertex normals of a triangle mesh, weighted by the triangles' areas, not of unit length.
-std::vector<glm::dvec3> vertex_normals(const std::vector<glm::dvec3>& vertices, const std::vector<glm::uvec3>& triangles) {
-  std::vector<glm::dvec3> sums(vertices.size(), glm::dvec3(0));
-  for (const glm::uvec3& t : triangles) {
-    const glm::dvec3 normal = glm::cross(vertices[t.y] - vertices[t.x], vertices[t.z] - vertices[t.x]);
-    for (int corner = 0; corner < 3; ++corner) sums[t[corner]] += normal;
-  }
-  return sums;
-}
-
-// Signed distance to the nearest vertex at the grid's nodes, metres, negative where the node lies behind the vertex' normal;
-// `reach` at nodes that no vertex is nearer to. Each vertex visits the nodes around it: tens of milliseconds a frame, where
-// asking every node for its nearest vertex takes a second on a CPU device (most nodes are far from the body).
-std::vector<float> distances_of_nodes(const ShellGrid& grid, const std::vector<std::array<float, 3>>& vertices, const std::vector<glm::dvec3>& normals, double reach) {
-  const uint32_t count = node_count(grid);
-  std::vector<float> nearest(padded_points(count), static_cast<float>(reach * reach)), signs(nearest.size(), 1.0f);
-  const glm::dvec3 origin(grid.origin[0], grid.origin[1], grid.origin[2]);
-  const double cell = grid.cell;
-  for (size_t v = 0; v < vertices.size(); ++v) {
-    const glm::dvec3 p(vertices[v][0], vertices[v][1], vertices[v][2]);
-    glm::uvec3 first, last;
-    for (int axis = 0; axis < 3; ++axis) {
-      const double most = double(grid.nodes[axis]) - 1;
-      first[axis] = static_cast<uint32_t>(std::clamp(std::ceil((p[axis] - reach - origin[axis]) / cell), 0.0, most));
-      last[axis] = static_cast<uint32_t>(std::clamp(std::floor((p[axis] + reach - origin[axis]) / cell), 0.0, most));
-    }
-    for (uint32_t z = first.z; z <= last.z; ++z)
-      for (uint32_t y = first.y; y <= last.y; ++y)
-        for (uint32_t x = first.x; x <= last.x; ++x) {
-          const glm::dvec3 from = origin + cell * glm::dvec3(x, y, z) - p;
-          const auto squared = static_cast<float>(glm::dot(from, from));
-          const size_t node = (size_t(z) * grid.nodes[1] + y) * grid.nodes[0] + x;
-          if (squared >= nearest[node]) continue;
-          nearest[node] = squared;
-          signs[node] = glm::dot(from, normals[v]) < 0 ? -1.0f : 1.0f;
-        }
-  }
-  for (size_t node = 0; node < nearest.size(); ++node) nearest[node] = signs[node] * std::sqrt(nearest[node]);
-  return nearest;
-}
 
 template <typename T>
 Buffer uploaded(Device& device, const std::string& name, const std::vector<T>& values) {
@@ -120,15 +80,8 @@ FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDev
   vertices_.weights = body.weights();
 
   // The grid of distances; a very large body gets larger cells rather than millions of nodes.
-  const glm::dvec3 size = upper - lower + 2 * shell.margin;
-  double cell = shell.cell;
-  while ((size.x / cell + 2) * (size.y / cell + 2) * (size.z / cell + 2) > (1 << 20)) cell *= 1.25;
-  shell_grid_.cell = static_cast<float>(cell);
-  const glm::dvec3 origin = lower - shell.margin;
-  shell_grid_.origin = {static_cast<float>(origin.x), static_cast<float>(origin.y), static_cast<float>(origin.z)};
-  for (int axis = 0; axis < 3; ++axis) shell_grid_.nodes[axis] = static_cast<uint32_t>(std::ceil(size[axis] / cell)) + 1;
-
-  shell_distances_ = uploaded(device, "shell distances", distances_of_nodes(shell_grid_, points, vertex_normals(posed, avatar.body.triangles), shell.outer + shell.margin));
+  shell_grid_ = grid_around(posed, shell.margin, shell.cell, 1 << 20);
+  shell_distances_ = uploaded(device, "shell distances", template_distances(shell_grid_, posed, avatar.body.triangles, shell.outer + shell.margin));
   // The search tables live on the device now.
   vertices_.grid.vertices.clear(), vertices_.grid.cell_start.clear(), vertices_.grid.cell_seed.clear();
 }

@@ -1,6 +1,8 @@
 #include "host/rendering/ray_samples.h"
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <stdexcept>
 
 #include "kernels/rays/shell_bins.h"
@@ -11,7 +13,27 @@
 
 namespace arah {
 
-const char* to_string(SamplingMode mode) { return mode == SamplingMode::surface ? "surface" : "shell"; }
+namespace {
+
+// Half of the 64th part of a ray through the box, at most; metres.
+double half_bin(const RayBox& box) {
+  double squared = 0;
+  for (size_t axis = 0; axis < 3; ++axis) squared += std::pow(double{box.maximum[axis]} - double{box.minimum[axis]}, 2);
+  return std::sqrt(squared) / 128;
+}
+
+}  // namespace
+
+const char* to_string(SamplingMode mode) {
+  switch (mode) {
+    case SamplingMode::shell: return "shell";
+    case SamplingMode::surface: return "surface";
+    case SamplingMode::surface_only: return "surface_only";
+  }
+  return "shell";
+}
+
+const char* to_string(SurfaceSource source) { return source == SurfaceSource::mesh ? "mesh" : "search"; }
 
 RayCamera ray_camera(const Camera& camera) {
   RayCamera result;
@@ -40,9 +62,12 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
   };
   pixels_ = make("pixels", rays * 4);
   rays_ = make("rays", rays * sizeof(Ray));
-  if (settings.mode == SamplingMode::surface) {
-    surface_.emplace(device, networks, capacity_rays_);
-  } else {
+  if (by_surface() && settings.surface == SurfaceSource::search) surface_.emplace(device, networks, capacity_rays_);
+  if (by_surface() && settings.surface == SurfaceSource::mesh) {
+    drawn_points_ = make("drawn surface points", capacity_rays_ * 16ull);
+    drawn_depths_ = make("drawn surface depths", capacity_rays_ * 4ull);
+  }
+  if (bounded_by_shell()) {
     kept_ = make("kept bins", rays * 8);
     kept_counts_ = make("numbers of kept bins", rays * 4);
   }
@@ -63,12 +88,13 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
   generate.pixels = pixels_.slice();
   generate.rays = rays_.slice();
   record_generate_rays(commands, generate);
-  if (surface_) return commands.submit_and_wait();
+  if (!bounded_by_shell()) return commands.submit_and_wait();
   ShellBinsArgs bins;
   bins.count = count;
   bins.root_translation = frame.root_translation();
   bins.grid = frame.shell_grid();
-  bins.outer = static_cast<float>(settings_.shell.outer);
+  // A bin is judged by its middle. Where what matters may lie anywhere in it, half its length is added.
+  bins.outer = static_cast<float>(settings_.shell.outer + (by_surface() ? half_bin(frame.box()) : 0));
   bins.inner = static_cast<float>(settings_.shell.inner);
   bins.rays = rays_.slice();
   bins.distances = frame.shell_distances();
@@ -79,7 +105,7 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
 }
 
 std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) {
-  if (!surface_) return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays));
+  if (bounded_by_shell()) return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays));
   std::vector<uint32_t> counts;
   for (const Ray& ray : device_.download<Ray>(rays_.slice().sub(0, rays * sizeof(Ray)))) counts.push_back(ray.near < ray.far);
   return counts;
@@ -87,7 +113,7 @@ std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) {
 
 void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
   if (rays > capacity_rays_) throw std::invalid_argument("more rays than room for samples");
-  if (surface_) return place_around_surface(commands, frame, rays, jitter);
+  if (by_surface()) return place_by_surface(commands, frame, rays, jitter);
   ShellSamplesArgs samples;
   samples.rays = rays;
   samples.samples = settings_.samples;
@@ -102,23 +128,37 @@ void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, 
   finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
 }
 
-void RaySamples::place_around_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
-  surface_->find(commands, frame, rays, rays_.slice(), jitter.on ? SurfaceFinder::Candidates::in_box : SurfaceFinder::Candidates::not_diverged, settings_.root);
+void RaySamples::set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths) {
+  device_.upload(drawn_points_.slice(), points);
+  device_.upload(drawn_depths_.slice(), depths);
+}
+
+void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
+  if (surface_) surface_->find(commands, frame, rays, rays_.slice(), jitter.on ? SurfaceFinder::Candidates::in_box : SurfaceFinder::Candidates::not_diverged, settings_.root);
+  const bool only = settings_.mode == SamplingMode::surface_only;
   SurfaceSamplesArgs samples;
   samples.rays = rays;
   samples.slots = settings_.samples;
-  samples.around_surface = samples_around_surface;
-  samples.before_surface = samples_before_surface;
-  samples.without_surface = settings_.samples;
+  samples.around_surface = only ? 1 : samples_around_surface;
+  samples.before_surface = only ? 0 : samples_before_surface;
+  samples.without_surface = only ? 0 : settings_.samples;
   samples.root_translation = frame.root_translation();
   samples.jitter = jitter;
   samples.ray_list = rays_.slice();
-  samples.surface_points = surface_->surface_points();
-  samples.surface_depths = surface_->surface_depths();
+  samples.surface_points = surface_ ? surface_->surface_points() : drawn_points_.slice();
+  samples.surface_depths = surface_ ? surface_->surface_depths() : drawn_depths_.slice();
   samples.depths = depths_.slice();
   samples.points = points_.slice();
   record_surface_samples(commands, samples);
-  if (settings_.shell_bound) record_outside_shell(commands, {rows(rays), frame.shell_grid(), static_cast<float>(settings_.shell.outer), frame.shell_distances(), points_.slice()});
+  if (only) {
+    constexpr float metre = 1;  // of the inside: nothing passes
+    commands.fill(deltas_.slice(), std::bit_cast<uint32_t>(metre));
+    // The surface's points are correspondences. With the template's weights they are looked up all the same: that tells which
+    // vertex each follows.
+    if (finder_.searches()) return commands.copy(samples.surface_points.sub(0, padded_points(rays) * 16ull), canonical_.slice().sub(0, padded_points(rays) * 16ull));
+  } else if (settings_.shell_bound) {
+    record_outside_shell(commands, {rows(rays), frame.shell_grid(), static_cast<float>(settings_.shell.outer), frame.shell_distances(), points_.slice()});
+  }
   finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
 }
 

@@ -1,6 +1,7 @@
 // Rays and their samples with canonical correspondences: what both rendering and training shade (DESIGN.md §2's story).
 #pragma once
 
+#include <array>
 #include <optional>
 #include <vector>
 
@@ -17,24 +18,34 @@ namespace arah {
 
 // Where a ray is sampled.
 enum class SamplingMode {
-  shell,    // stratified over the part of it inside the template's shell
-  surface,  // the paper's: densely around the surface that the ray hits, uniformly in the box where it hits none
+  shell,         // stratified over the part of it inside the template's shell
+  surface,       // the paper's: densely around the surface that the ray hits, uniformly in the box where it hits none
+  surface_only,  // one opaque sample where the ray hits the surface, nothing where it hits none; in pictures alone
+};
+
+// Where the surface that a ray hits comes from.
+enum class SurfaceSource {
+  search,  // sphere tracing, then the joint search (the paper)
+  mesh,    // the posed mesh of the baked distances, drawn (surface_mesh.h); in pictures alone
 };
 
 inline constexpr uint32_t samples_around_surface = 17, samples_before_surface = 16;  // ARAH.md §6
 
 struct SamplingSettings {
   SamplingMode mode = SamplingMode::shell;
-  // Of each ray. surface: room for them, used in full on rays without a surface (the paper: 64); at least 33.
+  SurfaceSource surface = SurfaceSource::search;  // of the modes that ask for the surface
+  // Of each ray. surface: room for them, used in full on rays without a surface (the paper: 64); at least 33. surface_only: 1.
   uint32_t samples = 20;
-  // surface: samples farther than shell.outer from the template are taken as empty, without a search. off: every sample's
-  // correspondence is searched and its distance evaluated, wherever it lies.
+  // surface, surface_only: rays that stay farther than shell.outer from the template are not looked at, and samples that lie
+  // farther are taken as empty, without a search. off: every ray that meets the body's box is traced, and every sample's
+  // correspondence searched and its distance evaluated, wherever it lies.
   bool shell_bound = true;
   ShellSettings shell;
   RootFindingSettings root;
 };
 
 const char* to_string(SamplingMode mode);
+const char* to_string(SurfaceSource source);
 
 RayCamera ray_camera(const Camera& camera);
 
@@ -49,15 +60,20 @@ class RaySamples {
 
   // Rays of the listed pixels (column | row << 16), and which of their bins lie in the shell. Submits.
   void set_pixels(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels);
-  // For each ray of the last set_pixels, 0 where nothing can be seen along it: shell: the number of kept bins; surface: 1
-  // where it meets the body's box.
+  // For each ray of the last set_pixels, 0 where nothing can be seen along it: the number of its bins in the shell; without
+  // shell_bound 1 where it meets the body's box.
   std::vector<uint32_t> kept_counts(uint32_t rays);
+  // SurfaceSource::mesh: where the rays of the last set_pixels hit the surface, vec4 by ray (canonical metres, w = 1; w = 0:
+  // nowhere), and metres along the ray.
+  void set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths);
   // Samples on the rays of the last set_pixels and their canonical points. Submits. surface: with jitter, in training, the
   // joint search is tried on all rays in the box.
   void place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
   // Whether a good part of the rows has no point to evaluate: unused places of rays, and samples outside the shell.
   bool has_gaps() const { return settings_.mode == SamplingMode::surface; }
+  // Whether a sample hides all that is behind it, whatever its distance.
+  bool opaque() const { return settings_.mode == SamplingMode::surface_only; }
   BufferSlice rays() { return rays_.slice(); }            // Ray by ray
   BufferSlice depths() { return depths_.slice(); }        // float by row
   BufferSlice deltas() { return deltas_.slice(); }        // float by row; surface: compositing writes them
@@ -68,13 +84,16 @@ class RaySamples {
   SurfaceFinder& surface_finder() { return *surface_; }  // of the surface mode alone
 
  private:
-  void place_around_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
+  bool by_surface() const { return settings_.mode != SamplingMode::shell; }
+  bool bounded_by_shell() const { return !by_surface() || settings_.shell_bound; }
+  void place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
   Device& device_;
   SamplingSettings settings_;
   uint32_t capacity_rays_, capacity_pixels_;
   PointRootFinder finder_;
   std::optional<SurfaceFinder> surface_;
+  Buffer drawn_points_, drawn_depths_;  // of a mesh
   Buffer pixels_, rays_, kept_, kept_counts_, depths_, deltas_, points_, canonical_;
 };
 

@@ -42,10 +42,24 @@ const std::vector<Knob>& knobs() {
   using Settings = RenderSettings;
   using Json = nlohmann::ordered_json;
   static const std::vector<Knob> all{
-      {"sampling_mode", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->mode = word(n, v, {SamplingMode::shell, SamplingMode::surface}); },
+      {"sampling_mode",
+       [](Settings& s, const std::string& n, const std::string& v) { 
+         s.sampling->mode = word(n, v, {SamplingMode::shell, SamplingMode::surface, SamplingMode::surface_only});
+         if (s.sampling->mode == SamplingMode::surface_only) s.sampling->samples = 1;
+       },
        [](const Settings& s) { return Json(to_string(s.sampling->mode)); }},
       {"samples", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->samples = static_cast<uint32_t>(number(n, v, 1, 1024, true)); },
        [](const Settings& s) { return Json(s.sampling->samples); }},
+      {"surface", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->surface = word(n, v, {SurfaceSource::search, SurfaceSource::mesh}); },
+       [](const Settings& s) { return Json(to_string(s.sampling->surface)); }},
+      {"outline", [](Settings& s, const std::string& n, const std::string& v) { s.outline = number(n, v, 0, 10, false); }, [](const Settings& s) { return Json(s.outline); }},
+      {"distances",
+       [](Settings& s, const std::string& n, const std::string& v) {
+         if (v != "network" && v != "baked") throw InputError(n, "", "network or baked", "'" + v + "'");
+         s.baked_distances = v == "baked";
+       },
+       [](const Settings& s) { return Json(s.baked_distances ? "baked" : "network"); }},
+      {"bake_cell", [](Settings& s, const std::string& n, const std::string& v) { s.bake_cell = number(n, v, 0.001, 0.1, false); }, [](const Settings& s) { return Json(s.bake_cell); }},
       {"shell_bound",
        [](Settings& s, const std::string& n, const std::string& v) {
          if (v != "true" && v != "false") throw InputError(n, "", "true or false", "'" + v + "'");
@@ -61,6 +75,8 @@ const std::vector<Knob>& knobs() {
          s.sampling->root.correspondence = word(n, v, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone});
        },
        [](const Settings& s) { return Json(to_string(s.sampling->root.correspondence)); }},
+      {"color_groups", [](Settings& s, const std::string& n, const std::string& v) { s.color_groups = static_cast<uint32_t>(number(n, v, 0, 1024, true)); },
+       [](const Settings& s) { return Json(s.color_groups); }},
       {"least_weight", [](Settings& s, const std::string& n, const std::string& v) { s.least_weight = number(n, v, 0, 1, false); }, [](const Settings& s) { return Json(s.least_weight); }},
       {"pixel_step", [](Settings& s, const std::string& n, const std::string& v) { s.pixel_step = static_cast<int>(number(n, v, 1, 16, true)); }, [](const Settings& s) { return Json(s.pixel_step); }}};
   return all;
@@ -92,15 +108,18 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   sampling.root.max_iterations = 12;
   sampling.root.correspondence = Correspondence::grid;
   settings.least_weight = 1e-4;
+  settings.baked_distances = true;
+  if (sampling.mode == SamplingMode::surface) sampling.surface = SurfaceSource::mesh;
   if (name == "balanced") return settings;
   sampling.mode = SamplingMode::shell;
-  sampling.samples = 16;
+  sampling.samples = 20;
+  settings.color_groups = 1;
   settings.least_weight = 1e-2;
   if (name == "fast") return settings;
-  sampling.samples = 10;
-  sampling.root.correspondence = Correspondence::grid_alone;
-  settings.least_weight = 3e-2;
-  settings.pixel_step = 2;
+  sampling.mode = SamplingMode::surface_only;
+  sampling.samples = 1;
+  sampling.surface = SurfaceSource::mesh;
+  settings.outline = 1;
   if (name == "preview") return settings;
   throw InputError("--quality", "", fmt::format("one of {}", fmt::join(render_presets(), ", ")), "'" + name + "'");
 }

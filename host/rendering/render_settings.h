@@ -11,16 +11,25 @@
 namespace arah {
 
 // The knobs, each with its exact value in brackets:
-//   sampling_mode [as the avatar was trained]  shell, surface: where a ray is sampled
-//   samples [32 in the shell, 64 around surfaces]  of a ray
+//   sampling_mode [as the avatar was trained]  shell, surface, surface_only: where a ray is sampled
+//   samples [32 in the shell, 64 around surfaces, 1 on them]  of a ray
+//   surface [search]  search, mesh: where the surface comes from that the modes surface and surface_only ask for
+//   outline [0]  mesh: drawn this many b farther out
+//   distances [network]  network, baked: of samples; baked ones are interpolated in a grid that is made once for each code
+//   bake_cell [0.006]  metres between the nodes of that grid, which the mesh is made of too
 //   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
 //   root_tolerance [1e-5]  metres, of a correspondence's residual
 //   root_max_iterations [50]  of a correspondence's search
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for
+//   color_groups [0]  0: a colour for each sample; else one for each of so many groups of equal weight of a ray's samples
 //   least_weight [0]  samples whose compositing weight is at most this stay black
 //   pixel_step [1]  every so-many-th pixel of a row and column is computed, those between are interpolated
 struct RenderSettings {
   std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
+  bool baked_distances = false;
+  double bake_cell = 0.006;  // metres
+  double outline = 0;        // in units of b, the scale of the density
+  uint32_t color_groups = 0;
   double least_weight = 0;
   int pixel_step = 1;  // 1 to 16
   bool normals = false;

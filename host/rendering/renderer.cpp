@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
@@ -22,6 +24,9 @@ uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memor
   const uint32_t most = 65536 / samples / 64 * 64;
   return std::clamp(static_cast<uint32_t>(double(memory_bytes) / bytes_a_ray) / 64 * 64, 64u, std::max(64u, most));
 }
+
+// b of the Laplace density, metres (shaders/lib/density.glsl).
+double scale_of_density(const Avatar& avatar) { return std::clamp(std::abs(double{avatar.tensor("b")[0]}), 1e-6, 1e6); }
 
 // A smaller picture between whose pixels the others are interpolated; depths and what is behind an edge come from the nearest.
 Picture enlarged(const Picture& small, int width, int height) {
@@ -49,6 +54,8 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
     : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
   if (sampling_.mode == SamplingMode::surface && sampling_.samples < samples_around_surface + samples_before_surface)
     throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface", samples_around_surface + samples_before_surface), fmt::format("{}", sampling_.samples));
+  if (sampling_.mode == SamplingMode::surface_only && sampling_.samples != 1) throw InputError("samples", "", "1 with sampling_mode surface_only", fmt::format("{}", sampling_.samples));
+  if (settings.baked_distances || draws_mesh()) baked_.emplace(device, avatar, settings.bake_cell);
   const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes);
   samples_.emplace(device, networks_, rays, sampling_);
   shaded_.emplace(device, networks_, rays, sampling_.samples, false, settings.normals);
@@ -61,13 +68,10 @@ Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t lat
 }
 
 Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
-  FrameOnDevice frame(device_, avatar_, body_, pose, sampling_.shell);
   networks_.record_pack(commands_, latent_row);
   commands_.submit_and_wait();
-  if (avatar_.spec.skinning.kind == Skinning::network && sampling_.root.correspondence != Correspondence::search) {
-    frame.make_correspondences(device_, sampling_.shell);
-    frame.correspondences()->solve(commands_, samples_->root_finder(), frame, sampling_.root);
-  }
+  FrameOnDevice& frame = posed(pose);
+  bake(frame, latent_row);
 
   Picture picture;
   picture.width = camera.width;
@@ -78,30 +82,78 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   picture.depth.assign(pixels, 0);
   if (settings_.normals) picture.normal.assign(3 * pixels, 0);
 
-  // Pixels whose rays enter the shell, then only those in full chunks.
-  std::vector<uint32_t> all, seen;
-  for (int v = 0; v < camera.height; ++v)
-    for (int u = 0; u < camera.width; ++u) all.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
-  const uint32_t chunk = samples_->capacity_rays(), look = samples_->capacity_pixels();
-  for (size_t first = 0; first < all.size(); first += look) {
-    const std::vector<uint32_t> some(all.begin() + static_cast<ptrdiff_t>(first), all.begin() + static_cast<ptrdiff_t>(std::min(all.size(), first + look)));
-    samples_->set_pixels(commands_, frame, camera, some);
-    const std::vector<uint32_t> kept = samples_->kept_counts(static_cast<uint32_t>(some.size()));
-    for (size_t i = 0; i < some.size(); ++i)
-      if (kept[i]) seen.push_back(some[i]);
-  }
+  const SeenSurface surface = draws_mesh() ? mesh_->seen(pose, camera, settings_.outline * scale_of_density(avatar_)) : SeenSurface{};
+  const std::vector<uint32_t> seen = pixels_to_render(frame, camera, surface);
+  const uint32_t chunk = samples_->capacity_rays();
   for (size_t first = 0; first < seen.size(); first += chunk) {
     if (progress && !progress(double(first) / double(seen.size()))) throw std::runtime_error("stopped");
-    render_chunk(frame, camera, {seen.begin() + static_cast<ptrdiff_t>(first), seen.begin() + static_cast<ptrdiff_t>(std::min(seen.size(), first + chunk))}, picture);
+    render_chunk(frame, camera, {seen.begin() + static_cast<ptrdiff_t>(first), seen.begin() + static_cast<ptrdiff_t>(std::min(seen.size(), first + chunk))}, surface, picture);
   }
   return picture;
 }
 
-void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, Picture& picture) {
+// The frame of this pose, with its correspondences where the settings want them.
+FrameOnDevice& Renderer::posed(const Pose& pose) {
+  if (frame_ && pose_ == pose) return *frame_;
+  frame_.emplace(device_, avatar_, body_, pose, sampling_.shell);
+  pose_ = pose;
+  if (avatar_.spec.skinning.kind == Skinning::network && sampling_.mode != SamplingMode::surface_only && sampling_.root.correspondence != Correspondence::search) {
+    frame_->make_correspondences(device_, sampling_.shell);
+    frame_->correspondences()->solve(commands_, samples_->root_finder(), *frame_, sampling_.root);
+  }
+  return *frame_;
+}
+
+// With the networks as they are packed now. Without a code the distances are the same for all poses.
+void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row) {
+  if (!baked_ || (baked_row_ && (avatar_.spec.sdf.conditioning == SdfConditioning::none || *baked_row_ == latent_row))) return;
+  const auto start = std::chrono::steady_clock::now();
+  baked_->bake(commands_, shaded_->field(), frame.constants());
+  if (draws_mesh()) mesh_.emplace(device_, commands_, networks_, avatar_, baked_->samples(), frame.constants());
+  baked_row_ = latent_row;
+  work_.baking_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Those where something may be seen, so that only they fill chunks: where the mesh is all there is to see, what it covers;
+// else those whose rays enter the shell.
+std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SeenSurface& seen) {
+  std::vector<uint32_t> all, some;
+  for (int v = 0; v < camera.height; ++v)
+    for (int u = 0; u < camera.width; ++u) all.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
+  if (draws_mesh() && sampling_.mode == SamplingMode::surface_only) {
+    for (size_t i = 0; i < all.size(); ++i)
+      if (seen.points[i][3] > 0) some.push_back(all[i]);
+    return some;
+  }
+  const uint32_t look = samples_->capacity_pixels();
+  for (size_t first = 0; first < all.size(); first += look) {
+    const std::vector<uint32_t> looked(all.begin() + static_cast<ptrdiff_t>(first), all.begin() + static_cast<ptrdiff_t>(std::min(all.size(), first + look)));
+    samples_->set_pixels(commands_, frame, camera, looked);
+    const std::vector<uint32_t> kept = samples_->kept_counts(static_cast<uint32_t>(looked.size()));
+    for (size_t i = 0; i < looked.size(); ++i)
+      if (kept[i]) some.push_back(looked[i]);
+  }
+  return some;
+}
+
+void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SeenSurface& seen, Picture& picture) {
   const auto rays = static_cast<uint32_t>(pixels.size());
   samples_->set_pixels(commands_, frame, camera, pixels);
+  if (draws_mesh()) {
+    std::vector<std::array<float, 4>> points;
+    std::vector<float> depths;
+    for (const uint32_t pixel : pixels) {
+      const size_t at = static_cast<size_t>(pixel >> 16) * static_cast<size_t>(camera.width) + (pixel & 0xffff);
+      points.push_back(seen.points[at]);
+      depths.push_back(seen.depths[at]);
+    }
+    points.resize(padded_points(rays), {0, 0, 0, 0});
+    samples_->set_surface(points, depths);
+  }
   samples_->place(commands_, frame, rays, {});
-  shaded_->record_forward(commands_, frame, *samples_, rays, settings_.least_weight, settings_.normals);
+  ShadedRays::Options options{settings_.least_weight, settings_.normals, {}, settings_.color_groups};
+  if (settings_.baked_distances) options.baked = baked_->nodes();
+  shaded_->record_forward(commands_, frame, *samples_, rays, options);
   work_.rays += rays;
   work_.samples += samples_->rows(rays);
   work_.shaded += shaded_->queue().shaded();

@@ -8,6 +8,7 @@
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/render_settings.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/rendering/surface_mesh.h"
 
 namespace arah {
 
@@ -26,15 +27,20 @@ class Renderer {
   // The avatar's numbers are copied to the device.
   Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
 
-  // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
+  // What belongs to the pose or the code alone (the posed template, its grid of roots, baked distances) is kept for the next
+  // picture. progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
   Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress = {});
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
+
+  // The next picture is made as if its pose were new.
+  void forget_pose() { frame_.reset(); }
 
   // Work of the pictures since the last reset.
   struct Work {
     uint64_t rays = 0;     // that can meet the person
     uint64_t samples = 0;  // placed on them: rays times samples
-    uint64_t shaded = 0;   // of these, with a colour
+    uint64_t shaded = 0;   // colours evaluated for them
+    double baking_seconds = 0;
   };
   const Work& work() const { return work_; }
   void reset_work() {
@@ -43,8 +49,12 @@ class Renderer {
   }
 
  private:
+  bool draws_mesh() const { return sampling_.mode != SamplingMode::shell && sampling_.surface == SurfaceSource::mesh; }
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
-  void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, Picture& picture);
+  FrameOnDevice& posed(const Pose& pose);
+  void bake(FrameOnDevice& frame, std::size_t latent_row);
+  std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SeenSurface& seen);
+  void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SeenSurface& seen, Picture& picture);
 
   Device& device_;
   const Avatar& avatar_;
@@ -54,6 +64,11 @@ class Renderer {
   TemplateOnDevice body_;
   std::optional<RaySamples> samples_;
   std::optional<ShadedRays> shaded_;
+  std::optional<FrameOnDevice> frame_;
+  Pose pose_;                                // of that frame
+  std::optional<BakedDistances> baked_;      // where the settings want distances or the mesh from it
+  std::optional<std::size_t> baked_row_;     // of latent codes: the one that it stands for
+  std::optional<SurfaceMesh> mesh_;          // of these distances
   Work work_;
   Commands commands_;
 };

@@ -45,6 +45,7 @@ class PointRootFinder {
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
   uint32_t capacity() const { return capacity_; }
+  bool searches() const { return tape_.has_value(); }  // there is a skinning network, and its inverse has to be searched
 
   // Three vec4 by row: the rows of Σ_b w_b B_b at the canonical points, vec4 by row. `rows` says which points of the last
   // solve they are: with template weights the nearest vertices found there decide. Overwritten by the next solve.

@@ -2,6 +2,7 @@
 
 #include "kernels/color/posed_normals.h"
 #include "kernels/compositing/forward.h"
+#include "kernels/compositing/group_samples.h"
 
 namespace arah {
 
@@ -19,12 +20,14 @@ ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, 
   unused_depths_ = make("depths, again", ray_room * 4);
 }
 
-void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, double least_weight, bool normals) {
+void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options) {
   const uint32_t rows = placed.rows(rays);
   CompositeForwardArgs composite;
   composite.samples.rays = rays;
   composite.samples.samples = placed.samples();
-  composite.samples.sdf = field_.record_distances(commands, frame.constants(), placed.canonical(), rows, placed.has_gaps());
+  if (placed.opaque()) composite.samples.sdf = field_.opaque_distances();
+  else if (options.baked) composite.samples.sdf = field_.record_distances(commands, placed.canonical(), rows, *options.baked);
+  else composite.samples.sdf = field_.record_distances(commands, frame.constants(), placed.canonical(), rows, placed.has_gaps());
   composite.samples.metres_per_unit = static_cast<float>(networks_.cube().metres_per_unit());
   composite.samples.points = placed.canonical();
   composite.samples.deltas = placed.deltas();
@@ -37,22 +40,34 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.weights = weights_.slice();
   composite.transmittances = transmittances();
   composite.flags = queue_.flags();
-  composite.least_weight = static_cast<float>(least_weight);
+  composite.least_weight = static_cast<float>(options.least_weight);
   record_composite_forward(commands, composite);
+  if (options.groups) {
+    GroupSamplesArgs group;
+    group.rays = rays;
+    group.samples = placed.samples();
+    group.groups = options.groups;
+    group.least_weight = composite.least_weight;
+    group.weights = composite.weights;
+    group.points = placed.canonical();
+    group.flags = composite.flags;
+    record_group_samples(commands, group);
+  }
   queue_.select(commands, rows, placed.canonical());
 
   inputs_ = {frame.constants(), queue_.canonical(), placed.rays(), queue_.size(), {}, queue_.samples(), rows};
-  if (normals || networks_.spec().color.normal)
+  if (options.normals || networks_.spec().color.normal)
     inputs_.transforms = placed.root_finder().record_transforms(commands, frame, {{inputs_.rows, {}}, queue_.samples()}, queue_.canonical());
-  field_.record_forward(commands, inputs_, normals);
+  field_.record_forward(commands, inputs_, options.normals);
   composite.delta_mode = DeltaMode::given;  // written by now
   composite.samples.rgb = field_.rgb();
   composite.samples.slots = queue_.slots();
   composite.samples.slot_count = queue_.size();
+  composite.samples.groups = options.groups > 0;
   composite.flags = {};
   record_composite_forward(commands, composite);
   composited_ = composite.samples;
-  if (!normals) return;
+  if (!options.normals) return;
   record_posed_normals(commands, {inputs_.rows, field_.gradient(), inputs_.transforms, normals_.slice(), true});
   composite.samples.rgb = {normals_.slice(), 4, 0};  // Σ w n: compositing is linear in its colours
   composite.colors = composited_normals_.slice();

@@ -2,6 +2,8 @@
 // follow from them, the rest of the field at the samples that are worth it, compositing. What rendering and training share.
 #pragma once
 
+#include <optional>
+
 #include "host/rendering/field.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shading_queue.h"
@@ -14,10 +16,18 @@ class ShadedRays {
   // rays: at a time, `samples` of each. normals: room for them.
   ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, bool with_gradients, bool normals);
 
+  struct Options {
+    double least_weight = 0;
+    bool normals = false;
+    std::optional<DistanceNodes> baked = {};  // distances come from this grid instead of the network; without a way back
+    uint32_t groups = 0;                      // 0: a colour for each sample; else see below, without a way back
+  };
   // Shades the samples of `placed`, those whose compositing weight exceeds least_weight; the others are black but absorb. 0
   // leaves out nothing but weights that are 0 in float32: then no colour changes.
+  // groups: of each ray, one place for every so-manieth part of its Σ w gives its colour to the samples there
+  // (kernels/compositing/group_samples.h). Moves the canonical points of those that begin a group.
   // Records and submits: on return all but the last launches are done, and these are recorded.
-  void record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, double least_weight, bool normals);
+  void record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options);
 
   BufferSlice colors() { return colors_.slice(); }          // vec4 by ray: rgb on black, Σ w
   BufferSlice ray_depths() { return ray_depths_.slice(); }  // float by ray: Σ w z, metres

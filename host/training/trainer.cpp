@@ -234,7 +234,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   const uint32_t rays = std::min(pass_rays_, settings_.rays - first);
   samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
   samples_.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
-  shaded_.record_forward(commands_, frame, samples_, rays, settings_.least_weight, false);
+  shaded_.record_forward(commands_, frame, samples_, rays, {.least_weight = settings_.least_weight});
   shaded_samples_ += shaded_.queue().shaded();
 
   // Losses and the way back.

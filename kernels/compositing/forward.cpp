@@ -9,7 +9,10 @@ void record_composite_forward(Commands& commands, const CompositeForwardArgs& ar
   const shared::CompositeConstants constants = composite_constants(s, args.last_delta, args.least_weight);
   const uint64_t rows = uint64_t(s.rays) * s.samples, padded_rays = padded_points(s.rays);
   const bool differences = args.delta_mode == DeltaMode::differences, selects = !args.flags.empty();
-  const uint32_t shading = selects ? shared::SHADING_SELECTS : s.slots.empty() ? shared::SHADING_BY_ROW : shared::SHADING_BY_SLOT;
+  const uint32_t shading = selects             ? shared::SHADING_SELECTS
+                           : s.slots.empty() ? shared::SHADING_BY_ROW
+                           : s.groups        ? shared::SHADING_BY_GROUP
+                                             : shared::SHADING_BY_SLOT;
   Launch launch;
   launch.pipeline = &commands.device().pipeline("compositing/forward", {differences ? 1u : 0u, shading});
   launch.name = selects ? "compositing weights" : "compositing forward";

@@ -22,6 +22,7 @@ struct CompositeSamples {
   // black but absorb. Empty: all rows are shaded.
   BufferSlice slots;
   uint32_t slot_count = 0;  // length of the queue
+  bool groups = false;      // a sample in the queue gives its colour to those after it on its ray, up to the next in the queue
 };
 
 inline constexpr uint32_t no_slot = 0xffffffff;

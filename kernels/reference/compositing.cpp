@@ -43,6 +43,27 @@ Composite composite(const CompositingInput& input) {
   return result;
 }
 
+std::vector<SampleGroup> group_samples(std::span<const double> weights, std::span<const std::array<double, 3>> points, std::size_t groups, double least_weight, double near) {
+  double sum = 0;
+  for (const double weight : weights) sum += weight > least_weight ? weight : 0;
+  std::vector<SampleGroup> result;
+  double before = 0;
+  std::size_t group = 0;
+  for (std::size_t i = 0; i < weights.size(); ++i) {
+    if (weights[i] <= least_weight) continue;
+    const auto at = std::min(static_cast<std::size_t>((before + 0.5 * weights[i]) / sum * static_cast<double>(groups)), groups - 1);
+    const auto far = [&](const std::array<double, 3>& from) { return std::hypot(points[i][0] - from[0], points[i][1] - from[1], points[i][2] - from[2]) > near; };
+    if (result.empty() || at != group || far(points[result.back().first])) result.push_back({i, 0, {}});
+    group = at;
+    result.back().weight += weights[i];
+    for (std::size_t c = 0; c < 3; ++c) result.back().point[c] += weights[i] * points[i][c];
+    before += weights[i];
+  }
+  for (SampleGroup& one : result)
+    for (double& x : one.point) x /= one.weight;
+  return result;
+}
+
 CompositingGradient composite_backward(const CompositingInput& input, const Composite& forward,
                                        const std::array<double, 3>& colour_gradient, double weights_sum_gradient) {
   const std::size_t count = input.sdf.size();

@@ -39,6 +39,18 @@ struct Composite {
 
 Composite composite(const CompositingInput& input);
 
+// Successive samples that share one colour.
+struct SampleGroup {
+  std::size_t first = 0;          // sample
+  double weight = 0;              // Σ w
+  std::array<double, 3> point{};  // Σ w x / Σ w
+};
+
+// One ray's samples whose weight exceeds least_weight, in order: Σ w is cut into `groups` equal parts, and a sample belongs to
+// the part that the middle of its own weight lies in; a point farther than `near` from the group's first one begins another
+// group all the same. weights and points have the same length; groups >= 1.
+std::vector<SampleGroup> group_samples(std::span<const double> weights, std::span<const std::array<double, 3>> points, std::size_t groups, double least_weight, double near);
+
 struct CompositingGradient {
   std::vector<double> sdf;                 // 0 for masked samples
   std::vector<std::array<double, 3>> rgb;  // likewise

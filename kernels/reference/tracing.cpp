@@ -80,4 +80,22 @@ std::optional<Vector<3>> interpolate_correspondence(const Vector<3>& posed, cons
   return result;
 }
 
+double interpolate_value(const Vector<3>& at, const ValueNodes& nodes) {
+  std::array<std::size_t, 3> corner{};
+  Vector<3> part{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t last = nodes.nodes[axis] - 1;
+    const double place = std::clamp((at[static_cast<int>(axis)] - nodes.origin[static_cast<int>(axis)]) / nodes.cell, 0.0, static_cast<double>(last));
+    corner[axis] = std::min(static_cast<std::size_t>(place), last - 1);
+    part[static_cast<int>(axis)] = place - static_cast<double>(corner[axis]);
+  }
+  double result = 0;
+  for (std::size_t i = 0; i < 8; ++i) {
+    const std::size_t x = corner[0] + (i & 1), y = corner[1] + (i >> 1 & 1), z = corner[2] + (i >> 2);
+    const double weight = (i & 1 ? part[0] : 1 - part[0]) * (i & 2 ? part[1] : 1 - part[1]) * (i & 4 ? part[2] : 1 - part[2]);
+    result += weight * nodes.values[(z * nodes.nodes[1] + y) * nodes.nodes[0] + x];
+  }
+  return result;
+}
+
 }  // namespace arah::reference

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "kernels/reference/small_matrix.h"
 
@@ -62,6 +63,18 @@ struct CorrespondenceNodes {
 // the canonical points of two neighbouring ones of the eight are farther apart than `longest`: there the nodes belong to
 // different parts of the body, and nothing lies between them.
 std::optional<Vector<3>> interpolate_correspondence(const Vector<3>& posed, const CorrespondenceNodes& nodes);
+
+// A box of nodes with a number each: node (x, y, z) lies at origin + cell · (x, y, z) and is number
+// (z · nodes[1] + y) · nodes[0] + x.
+struct ValueNodes {
+  Vector<3> origin{};
+  double cell = 1;
+  std::array<std::size_t, 3> nodes{};  // at least 2 each
+  std::vector<double> values;
+};
+
+// Trilinear between the nodes; outside the box the nearest place of it answers.
+double interpolate_value(const Vector<3>& at, const ValueNodes& nodes);
 
 struct TracingSettings {
   int max_iterations = 50;

@@ -10,7 +10,7 @@
 namespace arah {
 
 void record_surface_samples(Commands& commands, const SurfaceSamplesArgs& args) {
-  if (args.around_surface % 2 == 0 || args.before_surface == 0 || args.without_surface == 0 ||
+  if (args.around_surface % 2 == 0 ||
       args.around_surface + args.before_surface > args.slots || args.without_surface > args.slots)
     throw std::invalid_argument(
         fmt::format("surface samples: {} around (odd), {} before, {} without a surface do not fit {} slots",

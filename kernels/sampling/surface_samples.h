@@ -14,8 +14,8 @@ struct SurfaceSamplesArgs {
   uint32_t rays = 0;
   uint32_t slots = 64;                      // of each ray; at least around_surface + before_surface and without_surface
   uint32_t around_surface = 17;             // odd: the middle one is the surface itself, which jitter leaves in place
-  uint32_t before_surface = 16;             // >= 1
-  uint32_t without_surface = 64;            // >= 1
+  uint32_t before_surface = 16;
+  uint32_t without_surface = 64;
   float half_width = 0.05F;                 // metres, around the surface
   std::array<float, 3> root_translation{};  // metres, world
   Jitter jitter;

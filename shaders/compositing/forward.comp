@@ -5,7 +5,8 @@
 // Where δ are differences of depths, a first walk from far to near writes them: to the next valid sample, `last_delta`
 // for the last one.
 // Colours (the constant `shading`): one a row; or one a slot of the queue of shaded samples, black for those that are not
-// in it; or none yet: then the samples whose weight exceeds `least_weight` are flagged, to make that queue.
+// in it; or one a slot for a group of samples, from the one that is in the queue to the next that is; or none yet: then the samples whose weight exceeds `least_weight` are
+// flagged, to make that queue.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -63,6 +64,7 @@ void main() {
   float transmittance = 1.0;
   vec4 color = vec4(0.0);
   float ray_depth = 0.0;
+  uint of_group = NO_SLOT;
   for (uint k = 0u; k < samples; ++k) {
     uint row = first + k;
     float state = imageLoad(points, int(row)).w;
@@ -74,8 +76,10 @@ void main() {
     float weight = alpha * transmittance;
     vec3 of_sample = vec3(0.0);
     if (shading == SHADING_BY_ROW) of_sample = imageLoad(rgb, int(row * rgb_stride + rgb_column)).xyz;
-    if (shading == SHADING_BY_SLOT) {
+    if (shading == SHADING_BY_SLOT || shading == SHADING_BY_GROUP) {
       uint slot = slots[row];
+      of_group = slot == NO_SLOT ? of_group : slot;
+      slot = shading == SHADING_BY_GROUP ? of_group : slot;
       vec3 shaded = imageLoad(rgb, int((slot == NO_SLOT ? 0u : slot) * rgb_stride + rgb_column)).xyz;
       of_sample = slot == NO_SLOT ? vec3(0.0) : shaded;
     }

@@ -10,6 +10,7 @@ namespace arah::shared {
 const uint SHADING_BY_ROW = 0u;
 const uint SHADING_BY_SLOT = 1u;
 const uint SHADING_SELECTS = 2u;
+const uint SHADING_BY_GROUP = 3u;
 const uint NO_SLOT = 0xffffffffu;
 
 struct CompositeConstants {
@@ -25,6 +26,14 @@ struct CompositeConstants {
   float least_weight;     // of a sample that is flagged to be shaded: more than this
 };
 
+struct GroupSamplesConstants {
+  uint rays;
+  uint samples;  // of each ray
+  uint groups;   // of each ray
+  float least_weight;
+  float near;  // metres
+};
+
 struct CompositeBackwardConstants {
   CompositeConstants forward;
   uint d_sdf_stride;  // floats, multiples of 4
@@ -36,6 +45,7 @@ struct CompositeBackwardConstants {
 
 #ifdef __cplusplus
 static_assert(sizeof(CompositeConstants) == 40);
+static_assert(sizeof(GroupSamplesConstants) == 20);
 static_assert(sizeof(CompositeBackwardConstants) == 60);
 }  // namespace arah::shared
 #endif

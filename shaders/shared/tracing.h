@@ -2,8 +2,10 @@
 #ifndef ARAH_SHARED_TRACING_H
 #define ARAH_SHARED_TRACING_H
 #ifdef __cplusplus
-#include "shaders/shared/glsl_types.h"
+#include "shaders/shared/shell_grid.h"
 namespace arah::shared {
+#else
+#include "shared/shell_grid.h"
 #endif
 
 struct NearestVertexConstants {
@@ -19,6 +21,11 @@ struct InterpolateConstants {
   float cell;   // metres between nodes
   uvec3 nodes;  // along each axis
   float longest;  // metres between the canonical points of two neighbouring nodes, at most
+};
+
+struct InterpolateDistancesConstants {
+  ShellGrid grid;  // in canonical space
+  uint rows;
 };
 
 struct NormaliseInputsConstants {
@@ -78,6 +85,7 @@ struct SearchCounts {
 #ifdef __cplusplus
 static_assert(sizeof(NearestVertexConstants) == 32);
 static_assert(sizeof(InterpolateConstants) == 36);
+static_assert(sizeof(InterpolateDistancesConstants) == 32);
 static_assert(sizeof(NormaliseInputsConstants) == 12);
 static_assert(sizeof(SphereConstants) == 20);
 static_assert(sizeof(BroydenStartConstants) == 32);

@@ -117,15 +117,26 @@ TEST_F(SamplingModes, KnobsCostWhatTheySay) {
   for (const char* weight : {"1e-5", "1e-3"})
     EXPECT_LE(difference(std::string("shell, least weight ") + weight, exact, picture("shell", {{"least_weight", weight}})).largest, 64 * std::stod(weight));
   EXPECT_LE(difference("shell, looser search", exact, picture("shell", {{"root_tolerance", "1e-4"}, {"root_max_iterations", "12"}})).root_mean_square, 2e-3);
+  // b is 2 mm: an error of a tenth of a millimetre in the distance is one of a twentieth in the density.
+  EXPECT_LE(difference("shell, baked distances", exact, picture("shell", {{"distances", "baked"}})).root_mean_square, 1e-2);
+  EXPECT_LE(difference("shell, baked distances, finer", exact, picture("shell", {{"distances", "baked"}, {"bake_cell", "0.003"}})).root_mean_square, 3e-3);
+  const Difference one = difference("shell, one colour group", exact, picture("shell", {{"color_groups", "1"}})),
+                   many = difference("shell, eight colour groups", exact, picture("shell", {{"color_groups", "8"}}));
+  EXPECT_LE(one.root_mean_square, 1e-2);
+  EXPECT_LE(many.root_mean_square, one.root_mean_square);
+  EXPECT_LE(difference("surface, from the mesh", around, picture("surface", {{"surface", "mesh"}})).root_mean_square, 5e-2);
   EXPECT_LE(difference("shell, every second pixel", exact, picture("shell", {{"pixel_step", "2"}})).root_mean_square, 0.1);
 
   RenderSettings settings = render_preset(avatar, "balanced");
-  for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{{"samples", "0"}, {"samples", "many"}, {"sampling_mode", "everywhere"}, {"shell_bound", "1"}, {"quality", "best"}})
+  for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{{"samples", "0"}, {"samples", "many"}, {"sampling_mode", "everywhere"}, {"shell_bound", "1"}, {"surface", "above"}, {"distances", "near"}, {"bake_cell", "0"}, {"outline", "-1"}, {"color_groups", "0.5"}, {"quality", "best"}})
     EXPECT_THROW(set_render_knob(settings, name, value), InputError) << name << " " << value;
   EXPECT_THROW(render_preset(avatar, "best"), InputError);
   set_render_knob(settings, "sampling_mode", "surface");
   set_render_knob(settings, "samples", "32");
   EXPECT_THROW(Renderer(device, avatar, settings), InputError) << "33 are the least around a surface";
+  set_render_knob(settings, "sampling_mode", "surface_only");
+  set_render_knob(settings, "samples", "2");
+  EXPECT_THROW(Renderer(device, avatar, settings), InputError) << "a surface is one sample";
 }
 
 TEST_F(SamplingModes, FollowHowTheAvatarWasTrained) {

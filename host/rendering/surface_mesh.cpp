@@ -1,0 +1,132 @@
+#include "host/rendering/surface_mesh.h"
+
+#include <algorithm>
+#include <glm/geometric.hpp>
+#include <glm/gtc/matrix_transform.hpp>
+
+#include "host/body/canonical.h"
+#include "host/body/mesh_distance.h"
+#include "host/capture/software_renderer.h"
+#include "kernels/skinning/lbs.h"
+#include "kernels/tracing/normalise_inputs.h"
+
+namespace arah {
+namespace {
+
+constexpr int smoothing_rounds = 1;         // against the steps that surface nets leave
+constexpr float least_influence = 1e-4f;    // of a joint on a vertex: what is left out moves it by less than 0.1 mm for each metre
+constexpr uint32_t vertices_at_a_time = 8192;
+
+}  // namespace
+
+SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples& distances, const BufferSlice& frame)
+    : avatar_(avatar), mesh_(surface_nets(distances)) {
+  even_out(mesh_, [&](const glm::dvec3& p) { return distances.between(p); }, distances.cell, smoothing_rounds);
+  normals_ = vertex_normals(mesh_.vertices, mesh_.triangles);
+  first_.push_back(0);
+  if (avatar.spec.skinning.kind == Skinning::network) take_network_weights(device, commands, networks, frame);
+  if (avatar.spec.skinning.kind == Skinning::template_weights) take_template_weights();
+}
+
+void SurfaceMesh::take_network_weights(Device& device, Commands& commands, AvatarNetworks& networks, const BufferSlice& frame) {
+  DenseTape tape(device, "surface mesh: skinning", networks.skinning_shape(), vertices_at_a_time, false);
+  const uint32_t joints = networks.tree().joints(), stride = padded_channels(joints);
+  Buffer points(device, "surface mesh: vertices", vertices_at_a_time * 16ull, BufferPlace::device);
+  Buffer posed(device, "surface mesh: posed vertices", vertices_at_a_time * 16ull, BufferPlace::device);
+  Buffer weights(device, "surface mesh: weights", uint64_t(vertices_at_a_time) * stride * 4, BufferPlace::device);
+  for (size_t first = 0; first < mesh_.vertices.size(); first += vertices_at_a_time) {
+    const auto count = static_cast<uint32_t>(std::min<size_t>(vertices_at_a_time, mesh_.vertices.size() - first));
+    std::vector<std::array<float, 4>> some(padded_points(count), {0, 0, 0, 0});
+    for (uint32_t i = 0; i < count; ++i) {
+      const glm::dvec3& p = mesh_.vertices[first + i];
+      some[i] = {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z), 1};
+    }
+    device.upload(points.slice(), some);
+    const Rows rows{{count, {}}, {}};
+    record_normalise_inputs(commands, {rows, frame, points.slice(), tape.input()});
+    networks.skinning().record_forward(commands, tape, rows.range);
+    LbsArgs lbs;
+    lbs.tree = &networks.tree();
+    lbs.rows = rows;
+    lbs.logits = tape.output();
+    lbs.frame = frame;
+    lbs.canonical = points.slice();
+    lbs.posed = posed.slice();
+    lbs.weights = {weights.slice(), stride, 0};
+    record_lbs(commands, lbs);
+    commands.submit_and_wait();
+    const std::vector<float> of_vertices = device.download<float>(weights.slice().elements(0, uint64_t(count) * stride));
+    for (uint32_t i = 0; i < count; ++i) {
+      float kept = 0;
+      const size_t begin = influences_.size();
+      for (uint32_t j = 0; j < joints; ++j) {
+        const float weight = of_vertices[size_t(i) * stride + j];
+        if (weight < least_influence) continue;
+        influences_.push_back({j, weight});
+        kept += weight;
+      }
+      for (size_t k = begin; k < influences_.size(); ++k) influences_[k].weight /= kept;
+      first_.push_back(static_cast<uint32_t>(influences_.size()));
+    }
+  }
+}
+
+void SurfaceMesh::take_template_weights() {
+  const std::vector<glm::dvec3> vertices = canonical_vertices(avatar_.body, avatar_.canonical);
+  const MeshDistance body(vertices, avatar_.body.triangles);
+  for (const glm::dvec3& p : mesh_.vertices) {
+    const ClosestPoint closest = body.closest(p);
+    const glm::uvec3& corners = avatar_.body.triangles[closest.triangle];
+    uint32_t nearest = corners.x;
+    for (int k = 1; k < 3; ++k)
+      if (glm::distance(vertices[corners[k]], p) < glm::distance(vertices[nearest], p)) nearest = corners[k];
+    for (int k = 0; k < 4; ++k)
+      if (avatar_.body.weights[nearest][k] > 0) influences_.push_back({avatar_.body.joints[nearest][k], avatar_.body.weights[nearest][k]});
+    first_.push_back(static_cast<uint32_t>(influences_.size()));
+  }
+}
+
+// Canonical → world, by vertex.
+std::vector<glm::mat4> SurfaceMesh::vertex_transforms(const Pose& pose) const {
+  const glm::dvec3 t = root_translation(avatar_.body.skeleton, pose);
+  std::vector<glm::mat4> world;
+  for (glm::dmat4 bone : bone_transforms(avatar_.body.skeleton, avatar_.canonical, pose)) {
+    bone[3] += glm::dvec4(t, 0);
+    world.emplace_back(bone);
+  }
+  std::vector<glm::mat4> transforms(mesh_.vertices.size(), glm::mat4(0.0f));
+  for (size_t v = 0; v < transforms.size(); ++v) {
+    if (influences_.empty()) transforms[v] = glm::translate(glm::mat4(1.0f), glm::vec3(t));
+    else
+      for (uint32_t i = first_[v]; i < first_[v + 1]; ++i) transforms[v] += influences_[i].weight * world[influences_[i].joint];
+  }
+  return transforms;
+}
+
+SeenSurface SurfaceMesh::seen(const Pose& pose, const Camera& camera, double outline) const {
+  const std::vector<glm::mat4> transforms = vertex_transforms(pose);
+  std::vector<glm::vec3> vertices, drawn;
+  for (size_t v = 0; v < transforms.size(); ++v) {
+    vertices.emplace_back(transforms[v] * glm::vec4(glm::vec3(mesh_.vertices[v]), 1.0f));
+    drawn.emplace_back(transforms[v] * glm::vec4(glm::vec3(mesh_.vertices[v] + outline * normals_[v]), 1.0f));
+  }
+  const std::vector<VisiblePlace> places = visible_places(camera, drawn, mesh_.triangles);
+  const glm::vec3 eye(camera.center());
+  SeenSurface seen;
+  seen.points.assign(places.size(), {0, 0, 0, 0});
+  seen.depths.assign(places.size(), 0);
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (places[i].triangle == VisiblePlace::no_triangle) continue;
+    const glm::uvec3& corners = mesh_.triangles[places[i].triangle];
+    glm::vec3 world(0), canonical(0);
+    for (int k = 0; k < 3; ++k) {
+      world += places[i].barycentric[k] * vertices[corners[k]];
+      canonical += places[i].barycentric[k] * glm::vec3(mesh_.vertices[corners[k]]);
+    }
+    seen.points[i] = {canonical.x, canonical.y, canonical.z, 1};
+    seen.depths[i] = glm::distance(world, eye);
+  }
+  return seen;
+}
+
+}  // namespace arah
