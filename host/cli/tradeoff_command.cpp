@@ -9,6 +9,7 @@
 #include "host/cli/command.h"
 #include "host/cli/progress.h"
 #include "host/evaluation/tradeoff.h"
+#include "host/evaluation/training_tradeoff.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
 
@@ -53,14 +54,16 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
     std::filesystem::path avatar, capture, out;
     TradeoffSettings settings;
     std::string budget, max_error;
+    bool training = false;
+    uint32_t rays = 0;
     DeviceOptions device = DeviceOptions::from_environment();
   };
   const auto options = std::make_shared<Options>();
   TradeoffSettings& settings = options->settings;
-  CLI::App* command = program.add_subcommand("tradeoff", "Measure what each approximation of rendering costs and buys");
+  CLI::App* command = program.add_subcommand("tradeoff", "Measure what each approximation of rendering, or of training, costs and buys");
   command->add_option("AVATAR", options->avatar, kAvatarHelp)->required();
   command->add_option("CAPTURE", options->capture, "the capture's folder")->required();
-  command->add_option("-o,--out", options->out, "folder for tradeoff.csv, tradeoff.svg and report.html")->required();
+  command->add_option("-o,--out", options->out, "folder for tradeoff.csv, tradeoff.svg and report.html; with --training for training_tradeoff.csv")->required();
   command->add_option("--split", settings.split, "whose frames: train, novel, ood, ...")->capture_default_str();
   command->add_option("--cameras", settings.cameras, "training, held-out, all, or names with commas between")->capture_default_str();
   command->add_option("--pictures", settings.pictures, "how many, evenly chosen")->check(CLI::Range(1, 1000))->capture_default_str();
@@ -69,6 +72,8 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
   command->add_option("--budget", options->budget, "say which setting is nearest to the exact rendering within this time a picture: 100ms, 2s");
   command->add_option("--max-error", options->max_error,
                       "say which setting is the fastest whose PSNR against the photographs is at most this much below the exact rendering's: 0.1dB");
+  CLI::Option* training = command->add_flag("--training", options->training, "instead of pictures: the time of a training step and how far each approximation moves the gradients")->excludes("--budget")->excludes("--max-error");
+  command->add_option("--rays", options->rays, "of a training step (default: as the avatar was trained)")->check(CLI::Range(1, 65536))->needs(training);
   add_device_option(*command, options->device);
   command->footer("Example: arah tradeoff run capture -o study --size 256 --budget 200ms --max-error 0.1dB");
   command->callback([options, &run] {
@@ -80,6 +85,15 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
       const Capture capture = open_capture(options->capture);
       Device device(options->device);
       Progress progress("tradeoff", 1.0, "");
+      if (options->training) {
+        const TrainingTradeoffSettings wanted{options->rays, options->settings.size, static_cast<uint32_t>(options->settings.repetitions)};
+        const TrainingTradeoff study = measure_training_tradeoff(device, avatar, capture, wanted, [&](double part, const std::string& what) { progress.update(part, what); });
+        make_folder(options->out);
+        write_file_safely(options->out / "training_tradeoff.csv", training_tradeoff_csv(study));
+        progress.finish((options->out / "training_tradeoff.csv").string());
+        fmt::print("{}", training_tradeoff_table(study));
+        return 0;
+      }
       const Tradeoff tradeoff = measure_tradeoff(device, avatar, capture, options->settings, [&](double part, const std::string& what) { progress.update(part, what); });
       make_folder(options->out);
       write_file_safely(options->out / "tradeoff.csv", tradeoff_csv(tradeoff));

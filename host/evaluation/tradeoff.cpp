@@ -33,6 +33,9 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact) {
   if (exact.mode == SamplingMode::surface) {
     knob("shell_bound", {"false"});
     knob("surface", {"mesh"});
+    knob("around_surface", {"9", "5"});
+    knob("half_width_b", {"10", "5"});
+    knob("before_surface", {"4"});
     all.push_back({{"sampling_mode", "shell"}, {"samples", "32"}});
   } else {
     knob("samples", {"24", "16", "12", "8"});

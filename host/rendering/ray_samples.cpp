@@ -139,8 +139,9 @@ void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint
   SurfaceSamplesArgs samples;
   samples.rays = rays;
   samples.slots = settings_.samples;
-  samples.around_surface = only ? 1 : samples_around_surface;
-  samples.before_surface = only ? 0 : samples_before_surface;
+  samples.around_surface = only ? 1 : settings_.around_surface;
+  samples.before_surface = only ? 0 : settings_.before_surface;
+  samples.half_width = static_cast<float>(settings_.half_width);
   samples.without_surface = only ? 0 : settings_.samples;
   samples.root_translation = frame.root_translation();
   samples.jitter = jitter;

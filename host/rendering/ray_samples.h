@@ -29,13 +29,16 @@ enum class SurfaceSource {
   mesh,    // the posed mesh of the baked distances, drawn (surface_mesh.h); in pictures alone
 };
 
-inline constexpr uint32_t samples_around_surface = 17, samples_before_surface = 16;  // ARAH.md §6
-
 struct SamplingSettings {
   SamplingMode mode = SamplingMode::shell;
   SurfaceSource surface = SurfaceSource::search;  // of the modes that ask for the surface
-  // Of each ray. surface: room for them, used in full on rays without a surface (the paper: 64); at least 33. surface_only: 1.
+  // Of each ray. surface: room for them, used in full on rays without a surface (the paper: 64); at least
+  // around_surface + before_surface. surface_only: 1.
   uint32_t samples = 20;
+  // surface: of a ray that hits one, so many samples (odd) within half_width metres of it and so many in front, from where the
+  // ray enters the box (ARAH.md §6).
+  uint32_t around_surface = 17, before_surface = 16;
+  double half_width = 0.05;
   // surface, surface_only: rays that stay farther than shell.outer from the template are not looked at, and samples that lie
   // farther are taken as empty, without a search. off: every ray that meets the body's box is traced, and every sample's
   // correspondence searched and its distance evaluated, wherever it lies.
@@ -66,6 +69,8 @@ class RaySamples {
   // SurfaceSource::mesh: where the rays of the last set_pixels hit the surface, vec4 by ray (canonical metres, w = 1; w = 0:
   // nowhere), and metres along the ray.
   void set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths);
+  // surface: from the next place() on instead of the settings' half_width, metres.
+  void set_half_width(double metres) { settings_.half_width = metres; }
   // Samples on the rays of the last set_pixels and their canonical points. Submits. surface: with jitter, in training, the
   // joint search is tried on all rays in the box.
   void place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);

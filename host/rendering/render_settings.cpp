@@ -50,6 +50,17 @@ const std::vector<Knob>& knobs() {
        [](const Settings& s) { return Json(to_string(s.sampling->mode)); }},
       {"samples", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->samples = static_cast<uint32_t>(number(n, v, 1, 1024, true)); },
        [](const Settings& s) { return Json(s.sampling->samples); }},
+      {"around_surface",
+       [](Settings& s, const std::string& n, const std::string& v) {
+         const double count = number(n, v, 1, 1023, true);
+         if (std::fmod(count, 2) == 0) throw InputError(n, "", "an odd number: the middle sample is the surface itself", "'" + v + "'");
+         s.sampling->around_surface = static_cast<uint32_t>(count);
+       },
+       [](const Settings& s) { return Json(s.sampling->around_surface); }},
+      {"before_surface", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->before_surface = static_cast<uint32_t>(number(n, v, 0, 1024, true)); },
+       [](const Settings& s) { return Json(s.sampling->before_surface); }},
+      {"half_width", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->half_width = number(n, v, 1e-4, 1, false); }, [](const Settings& s) { return Json(s.sampling->half_width); }},
+      {"half_width_b", [](Settings& s, const std::string& n, const std::string& v) { s.half_width_b = number(n, v, 0, 1000, false); }, [](const Settings& s) { return Json(s.half_width_b); }},
       {"surface", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->surface = word(n, v, {SurfaceSource::search, SurfaceSource::mesh}); },
        [](const Settings& s) { return Json(to_string(s.sampling->surface)); }},
       {"outline", [](Settings& s, const std::string& n, const std::string& v) { s.outline = number(n, v, 0, 10, false); }, [](const Settings& s) { return Json(s.outline); }},

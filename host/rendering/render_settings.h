@@ -13,6 +13,8 @@ namespace arah {
 // The knobs, each with its exact value in brackets:
 //   sampling_mode [as the avatar was trained]  shell, surface, surface_only: where a ray is sampled
 //   samples [32 in the shell, 64 around surfaces, 1 on them]  of a ray
+//   around_surface, before_surface [17, 16]  of the samples of a ray that hits a surface: within half_width of it, and in front
+//   half_width [0.05]  metres; half_width_b [0]: in units of b if above 0, where that is less
 //   surface [search]  search, mesh: where the surface comes from that the modes surface and surface_only ask for
 //   outline [0]  mesh: drawn this many b farther out
 //   distances [network]  network, baked: of samples; baked ones are interpolated in a grid that is made once for each code
@@ -30,6 +32,7 @@ struct RenderSettings {
   double bake_cell = 0.006;  // metres
   double outline = 0;        // in units of b, the scale of the density
   uint32_t color_groups = 0;
+  double half_width_b = 0;   // of SamplingSettings::half_width in units of b; 0: that stands
   double least_weight = 0;
   int pixel_step = 1;  // 1 to 16
   bool normals = false;

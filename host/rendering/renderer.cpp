@@ -52,12 +52,13 @@ Picture enlarged(const Picture& small, int width, int height) {
 
 Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings)
     : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
-  if (sampling_.mode == SamplingMode::surface && sampling_.samples < samples_around_surface + samples_before_surface)
-    throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface", samples_around_surface + samples_before_surface), fmt::format("{}", sampling_.samples));
+  if (sampling_.mode == SamplingMode::surface && sampling_.samples < sampling_.around_surface + sampling_.before_surface)
+    throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface: around_surface and before_surface together", sampling_.around_surface + sampling_.before_surface), fmt::format("{}", sampling_.samples));
   if (sampling_.mode == SamplingMode::surface_only && sampling_.samples != 1) throw InputError("samples", "", "1 with sampling_mode surface_only", fmt::format("{}", sampling_.samples));
   if (settings.baked_distances || draws_mesh()) baked_.emplace(device, avatar, settings.bake_cell);
   const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes);
   samples_.emplace(device, networks_, rays, sampling_);
+  if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
   shaded_.emplace(device, networks_, rays, sampling_.samples, false, settings.normals);
 }
 

@@ -291,6 +291,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   networks_.record_pack(commands_, row);
   samples_.root_finder().reset_counts();
   shaded_samples_ = 0;
+  samples_.set_half_width(half_width(settings_, steps_));
   for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, first, skinning_step);
   record_regularisers();
   if (skinning_step) skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());

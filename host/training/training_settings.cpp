@@ -36,6 +36,11 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("mask_fraction", s.mask_fraction);
   visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
+  visit("around_surface", s.sampling.around_surface);
+  visit("before_surface", s.sampling.before_surface);
+  visit("half_width", s.sampling.half_width);
+  visit("half_width_start", s.half_width_start);
+  visit("half_width_steps", s.half_width_steps);
   visit("shell_bound", s.sampling.shell_bound);
   visit("shell_cell", s.sampling.shell.cell);
   visit("shell_margin", s.sampling.shell.margin);
@@ -193,10 +198,18 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   reader.refuse_unknown();
   if (settings.grid_steps == 0) throw InputError(where, "grid_steps", "at least 1", "0");
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
-  const uint32_t least = samples_around_surface + samples_before_surface;
+  if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
+  if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));
+  const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
     throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
   return settings;
+}
+
+double half_width(const TrainingSettings& settings, uint64_t step) {
+  const double end = settings.sampling.half_width;
+  if (settings.half_width_start == 0 || step >= settings.half_width_steps) return end;
+  return settings.half_width_start + (end - settings.half_width_start) * double(step) / double(settings.half_width_steps);
 }
 
 double rate_factor(const GroupSettings& group, const TrainingSettings& settings, uint64_t step, double done) {

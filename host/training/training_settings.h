@@ -30,6 +30,10 @@ struct TrainingSettings {
   uint32_t rays_at_a_time = 0;   // of them, rounded up to a multiple of 64; 0: as many as the device has room for
   double mask_fraction = 0.6;    // of them on the person, the others in the shell around
   SamplingSettings sampling;
+  // surface: the dense samples begin within half_width_start metres of the surface instead of half_width, and come to the
+  // latter linearly over half_width_steps, so that a shape that is still far from the pictures is seen. 0: half_width from the start.
+  double half_width_start = 0;
+  uint64_t half_width_steps = 1000;
   double least_weight = 1e-3;    // samples whose compositing weight is at most this are black and pass no gradient on; 0: exact
 
   uint64_t grid_steps = 4000;    // steps between two searches at the nodes of all frames' grids (root_correspondence)
@@ -57,6 +61,9 @@ TrainingSettings preset_settings(const std::string& preset);
 std::string settings_to_json(const TrainingSettings& settings);
 // Every field must be there and none else; InputError naming `where` and the field otherwise.
 TrainingSettings settings_from_json(const std::string& text, const std::string& where);
+
+// Of the dense samples around the surface at a step, metres.
+double half_width(const TrainingSettings& settings, uint64_t step);
 
 // Factor of a group's rate at a step, with the part of the training that is done (0..1).
 double rate_factor(const GroupSettings& group, const TrainingSettings& settings, uint64_t step, double done);
