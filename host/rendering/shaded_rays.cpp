@@ -21,6 +21,7 @@ ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, 
 
 void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, double least_weight, bool normals) {
   const uint32_t rows = placed.rows(rays);
+  commands.stage("distances");
   CompositeForwardArgs composite;
   composite.samples.rays = rays;
   composite.samples.samples = placed.samples();
@@ -38,9 +39,11 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.transmittances = transmittances();
   composite.flags = queue_.flags();
   composite.least_weight = static_cast<float>(least_weight);
+  commands.stage("compositing");
   record_composite_forward(commands, composite);
   queue_.select(commands, rows, placed.canonical());
 
+  commands.stage("shading");
   inputs_ = {frame.constants(), queue_.canonical(), placed.rays(), queue_.size(), {}, queue_.samples(), rows};
   if (normals || networks_.spec().color.normal)
     inputs_.transforms = placed.root_finder().record_transforms(commands, frame, {{inputs_.rows, {}}, queue_.samples()}, queue_.canonical());
@@ -50,6 +53,7 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.samples.slots = queue_.slots();
   composite.samples.slot_count = queue_.size();
   composite.flags = {};
+  commands.stage("compositing");
   record_composite_forward(commands, composite);
   composited_ = composite.samples;
   if (!normals) return;
