@@ -29,8 +29,8 @@ double smooth_minimum(double x, double y, double blend) {
 namespace {
 
 // Values at the nodes of the box [low, high]; blocks of nodes far from the zero set get the value at their centre.
-FieldSamples sample_field(const ImplicitField& field, const glm::dvec3& low, const glm::dvec3& high, double cell) {
-  FieldSamples grid{low, cell, glm::ivec3(glm::ceil((high - low) / cell)) + 1, {}};
+FieldSamples<double> sample_field(const ImplicitField& field, const glm::dvec3& low, const glm::dvec3& high, double cell) {
+  FieldSamples<double> grid{low, cell, glm::ivec3(glm::ceil((high - low) / cell)) + 1, {}};
   const glm::ivec3 n = grid.nodes;
   grid.values.resize(static_cast<std::size_t>(n.x) * static_cast<std::size_t>(n.y) * static_cast<std::size_t>(n.z));
   constexpr int block = 4;
@@ -45,13 +45,14 @@ FieldSamples sample_field(const ImplicitField& field, const glm::dvec3& low, con
         for (int z = z0; z < std::min(z0 + block, n.z); ++z)
           for (int y = y0; y < std::min(y0 + block, n.y); ++y)
             for (int x = x0; x < std::min(x0 + block, n.x); ++x)
-              grid.values[grid.index(x, y, z)] = static_cast<float>(far ? centre : field(grid.position(x, y, z)));
+              grid.values[grid.index(x, y, z)] = far ? centre : field(grid.position(x, y, z));
       }
   return grid;
 }
 
 // Whether the eight corners of a cell lie on both sides of the surface.
-bool crosses(const FieldSamples& grid, int x, int y, int z) {
+template <typename Value>
+bool crosses(const FieldSamples<Value>& grid, int x, int y, int z) {
   const std::size_t corner = grid.index(x, y, z), row = static_cast<std::size_t>(grid.nodes.x);
   const std::size_t layer = row * static_cast<std::size_t>(grid.nodes.y);
   int inside = 0;
@@ -61,7 +62,8 @@ bool crosses(const FieldSamples& grid, int x, int y, int z) {
 }
 
 // The vertex of a cell that the surface crosses: the mean of the crossings on its twelve edges.
-glm::dvec3 cell_vertex(const FieldSamples& grid, int x, int y, int z) {
+template <typename Value>
+glm::dvec3 cell_vertex(const FieldSamples<Value>& grid, int x, int y, int z) {
   glm::dvec3 sum(0);
   int crossings = 0;
   for (int axis = 0; axis < 3; ++axis)
@@ -71,8 +73,8 @@ glm::dvec3 cell_vertex(const FieldSamples& grid, int x, int y, int z) {
       from[(axis + 2) % 3] += side >> 1;
       glm::ivec3 to = from;
       to[axis] += 1;
-      const double f = double{grid.values[grid.index(from.x, from.y, from.z)]};
-      const double g = double{grid.values[grid.index(to.x, to.y, to.z)]};
+      const double f = grid.values[grid.index(from.x, from.y, from.z)];
+      const double g = grid.values[grid.index(to.x, to.y, to.z)];
       if ((f < 0) == (g < 0)) continue;
       sum += glm::mix(grid.position(from.x, from.y, from.z), grid.position(to.x, to.y, to.z), f / (f - g));
       ++crossings;
@@ -113,7 +115,8 @@ std::vector<std::vector<std::uint32_t>> vertex_neighbours(std::size_t vertices,
   return neighbours;
 }
 
-double FieldSamples::between(const glm::dvec3& point) const {
+template <typename Value>
+double FieldSamples<Value>::between(const glm::dvec3& point) const {
   const glm::dvec3 place = glm::clamp((point - low) / cell, glm::dvec3(0.0), glm::dvec3(nodes - 1));
   const glm::ivec3 corner = glm::min(glm::ivec3(place), nodes - 2);
   const glm::dvec3 part = place - glm::dvec3(corner);
@@ -136,7 +139,8 @@ TriangleMesh mesh_zero_set(const ImplicitField& field, const glm::dvec3& low, co
   return mesh;
 }
 
-TriangleMesh surface_nets(const FieldSamples& grid) {
+template <typename Value>
+TriangleMesh surface_nets(const FieldSamples<Value>& grid) {
   const glm::ivec3 n = grid.nodes;
   constexpr std::uint32_t none = ~0u;
   TriangleMesh mesh;
@@ -178,6 +182,9 @@ TriangleMesh surface_nets(const FieldSamples& grid) {
 
   return mesh;
 }
+
+template struct FieldSamples<float>;
+template TriangleMesh surface_nets(const FieldSamples<float>& grid);
 
 void even_out(TriangleMesh& mesh, const ImplicitField& field, double cell, int rounds) {
   const auto neighbours = vertex_neighbours(mesh.vertices.size(), mesh.triangles);

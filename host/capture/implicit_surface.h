@@ -32,12 +32,13 @@ struct TriangleMesh {
   std::vector<glm::uvec3> triangles;  // counter-clockwise seen from outside
 };
 
-// Values of a field at the nodes of a box of cubes: node (x, y, z) lies at low + cell · (x, y, z).
+// Values of a field, float or double, at the nodes of a box of cubes: node (x, y, z) lies at low + cell · (x, y, z).
+template <typename Value>
 struct FieldSamples {
   glm::dvec3 low{0.0};
   double cell = 1;  // metres
   glm::ivec3 nodes{0};
-  std::vector<float> values;  // x first, z last
+  std::vector<Value> values;  // x first, z last
 
   std::size_t index(int x, int y, int z) const {
     return static_cast<std::size_t>(x) + static_cast<std::size_t>(nodes.x) * (static_cast<std::size_t>(y) + static_cast<std::size_t>(nodes.y) * static_cast<std::size_t>(z));
@@ -49,7 +50,8 @@ struct FieldSamples {
 
 // The zero set between the nodes by surface nets: one vertex in every cell that it crosses. It must not reach the box's
 // faces. Parts thinner than two cells may be lost.
-TriangleMesh surface_nets(const FieldSamples& samples);
+template <typename Value>
+TriangleMesh surface_nets(const FieldSamples<Value>& samples);
 
 // Evens the mesh out tangentially: every round moves each vertex halfway to its neighbours' mean and back onto the zero set of
 // `field` by one Newton step of at most half a cell.

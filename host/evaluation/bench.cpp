@@ -6,53 +6,28 @@
 #include <algorithm>
 #include <chrono>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <random>
 #include <thread>
 
+#include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
-#include "kernels/color/assemble_inputs.h"
-#include "kernels/color/feature_grid.h"
 #include "kernels/linear/linear.h"
+#include "kernels/skinning/implicit_joint_cotangent.h"
 #include "shaders/shared/frame.h"
 #include "shaders/shared/ray.h"
 
 namespace arah {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-double milliseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
-
 // OpenBLAS's threads wait actively for more work for a while; a kernel that runs meanwhile would share its cores with
 // them.
 constexpr std::chrono::milliseconds idle_after_sgemm{50};
 
-// Turns the profile on while it lives, and puts the caller's own back.
-class ProfileScope {
- public:
-  explicit ProfileScope(Device& device) : device_(device), before_(device.profiler()) {
-    device.profiler().enabled = true;
-  }
-  ~ProfileScope() { device_.profiler() = before_; }
-  ProfileScope(const ProfileScope&) = delete;
-  ProfileScope& operator=(const ProfileScope&) = delete;
-
- private:
-  Device& device_;
-  Profiler before_;
-};
-
-struct Measured {
-  double milliseconds = std::numeric_limits<double>::infinity();
-  Cost cost;
-};
-
 class Bench {
  public:
-  Bench(Device& device, const BenchSettings& settings, const std::function<void(const BenchLine&)>& progress)
+  Bench(Device& device, const BenchSettings& settings, const std::function<void(const std::string&)>& progress)
       : device_(device), settings_(settings), progress_(progress), commands_(device), profile_(device) {
     result_.device = device.report().name;
     result_.driver = device.report().driver;
@@ -67,13 +42,40 @@ class Bench {
   }
 
   BenchResult run() {
+    peak();
     for (const uint32_t width : settings_.widths) linear(width);
-    color_inputs();
-    feature_grid();
+    if (settings_.with_works) {
+      result_.works = run_work_bench(device_, settings_.works, [&](const std::string& name) {
+        peak();
+        start(name);
+      });
+      for (const WorkBench& work : result_.works) add_shaders(work.shaders);
+      kernels_without_work();
+    }
+    peak();
+    add_shaders({{"peak/arithmetic", "", 1, result_.peak.gflops_milliseconds, result_.peak.gflops, 0, 0},
+                 {"peak/bandwidth", "", 1, result_.peak.gigabytes_milliseconds, 0, result_.peak.gigabytes, 0}});
     return std::move(result_);
   }
 
  private:
+  void start(const std::string& what) {
+    if (progress_) progress_(what);
+  }
+
+  void peak() {
+    result_.peak = best_peak(result_.peak, measure_device_peak(device_, settings_.repetitions));
+  }
+
+  // Keeps the order of names, and of two lines for a shader the earlier.
+  void add_shaders(const std::vector<BenchLine>& lines) {
+    std::vector<BenchLine>& all = result_.shaders;
+    for (const BenchLine& line : lines) {
+      const auto place = std::lower_bound(all.begin(), all.end(), line, [](const BenchLine& a, const BenchLine& b) { return a.name < b.name; });
+      if (place == all.end() || place->name != line.name) all.insert(place, line);
+    }
+  }
+
   // A buffer of `floats` numbers in [−1, 1), whatever they mean.
   Buffer filled(const char* name, uint64_t floats) {
     Buffer buffer(device_, std::string("bench ") + name, floats * 4, BufferPlace::device);
@@ -84,153 +86,123 @@ class Bench {
     return buffer;
   }
 
-  // One run of what `record` records. The device's own timestamps do not count submission; without them the clock must
-  // do.
-  Measured once(const std::function<void()>& record) {
-    device_.profiler().reset();
-    record();
-    const Clock::time_point start = Clock::now();
-    commands_.submit_and_wait();
-    Measured measured{milliseconds_since(start), {}};
-    for (const auto& [name, launch] : device_.profiler().launches()) {
-      measured.cost.flops += launch.cost.flops;
-      measured.cost.bytes += launch.cost.bytes;
-    }
-    if (device_.report().timestamp_period_ns > 0) measured.milliseconds = device_.profiler().total_milliseconds();
-    return measured;
-  }
-
-  // The best of the repetitions, each after one of `sgemm` where that is given; flops: of the product.
-  void measure(const std::string& name, const std::string& shape, const std::function<void()>& record,
-               const std::function<void()>& sgemm = {}, double flops = 0) {
-    record();  // makes the pipelines
-    commands_.submit_and_wait();
-    Measured best;
+  // The best of the repetitions, each after one of `sgemm`; flops: of the product.
+  void measure_beside_sgemm(const std::string& name, const std::string& shape, const std::function<void()>& record, const std::function<void()>& sgemm, double flops) {
+    start(fmt::format("{} {}", name, shape));
+    run_timed(commands_, record);  // makes the pipelines
+    sgemm();                       // and wakes its threads
+    TimedLaunches best;
+    best.milliseconds = std::numeric_limits<double>::infinity();
     double best_sgemm = std::numeric_limits<double>::infinity();
     for (uint32_t i = 0; i < settings_.repetitions; ++i) {
-      if (sgemm) {
-        const Clock::time_point start = Clock::now();
-        sgemm();
-        best_sgemm = std::min(best_sgemm, milliseconds_since(start));
-        std::this_thread::sleep_for(idle_after_sgemm);
-      }
-      const Measured measured = once(record);
-      if (measured.milliseconds < best.milliseconds) best = measured;
+      const auto before = std::chrono::steady_clock::now();
+      sgemm();
+      best_sgemm = std::min(best_sgemm, milliseconds_since(before));
+      std::this_thread::sleep_for(idle_after_sgemm);
+      const TimedLaunches timed = run_timed(commands_, record);
+      if (timed.milliseconds < best.milliseconds) best = timed;
     }
-    const double seconds = std::max(best.milliseconds, 1e-6) * 1e-3;
-    BenchLine line{name,
-                   shape,
-                   1,
-                   best.milliseconds,
-                   (sgemm ? flops : best.cost.flops) / seconds * 1e-9,
-                   best.cost.bytes / seconds * 1e-9,
-                   0};
-    if (sgemm) line.sgemm_gflops = flops / std::max(best_sgemm, 1e-6) * 1e-6;
+    BenchLine line = bench_line(name, shape, {1, best.milliseconds, {flops, best.cost.bytes}});
+    line.sgemm_gflops = flops / std::max(best_sgemm, 1e-6) * 1e-6;
     result_.lines.push_back(line);
-    if (progress_) progress_(line);
   }
 
   void linear(uint32_t width) {
     const uint32_t points = settings_.points;
     const int n = static_cast<int>(points), w = static_cast<int>(width);
-    Buffer x = filled("x", uint64_t(points) * width), y = filled("y", uint64_t(points) * width),
-           weights = filled("weights", packed_floats(width, width));
-    Buffer total = filled("gradient", uint64_t(width + 1) * width),
-           scratch = filled("partial sums", weight_gradient_scratch_floats(width, width, points));
-    const Matrix x_matrix{x.slice(), width, 0}, y_matrix{y.slice(), width, 0};
-    const PackedWeights packed{width, width, weights.slice(), weights.slice()};
-    const std::string shape = fmt::format("{} x {} x {}", points, width, width);
+    Layer layer(*this, points, width);
+    const std::string shape = layer.shape();
     const double flops = 2.0 * points * width * width;
     const float* a = numbers_.data();
     float* c = host_result_.data();
-
-    measure(
-        "linear forward", shape,
-        [&] {
-          LinearForwardArgs args;
-          args.x = x_matrix;
-          args.weights = packed;
-          args.y = y_matrix;
-          args.activation = Activation::relu;
-          args.range.points = points;
-          record_linear_forward(commands_, args);
-        },
+    measure_beside_sgemm(
+        "linear forward", shape, [&] { layer.record_forward(commands_, {}); },
         [&] { cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, w, w, 1, a, w, a, w, 0, c, w); }, flops);
-    measure(
-        "linear input gradient", shape,
-        [&] {
-          LinearInputGradientArgs args;
-          args.dy = x_matrix;
-          args.weights = packed;
-          args.result = y_matrix;
-          args.range.points = points;
-          record_linear_input_gradient(commands_, args);
-        },
+    measure_beside_sgemm(
+        "linear input gradient", shape, [&] { layer.record_input_gradient(commands_); },
         [&] { cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, n, w, w, 1, a, w, a, w, 0, c, w); }, flops);
-    measure(
-        "linear weight gradient", shape,
-        [&] {
-          LinearWeightGradientArgs args;
-          args.x = x_matrix;
-          args.dy = y_matrix;
-          args.inputs = args.outputs = width;
-          args.points = points;
-          args.scratch = scratch.slice();
-          args.total = total.slice();
-          record_linear_weight_gradient(commands_, args);
-        },
+    measure_beside_sgemm(
+        "linear weight gradient", shape, [&] { layer.record_weight_gradient(commands_, {}); },
         [&] { cblas_sgemm(CblasRowMajor, CblasTrans, CblasNoTrans, w, w, n, 1, a, w, a, w, 0, c, w); }, flops);
   }
 
-  void color_inputs() {
-    const uint32_t points = settings_.points, samples = 32;
-    const ColorRow row{true, true, 256};
-    const uint32_t stride = padded_channels(row.grid_column());
-    Buffer frame = filled("frame", sizeof(FrameConstants) / 4), vectors = filled("points", uint64_t(points) * 4);
-    Buffer rays = filled("rays", uint64_t(padded_points(points / samples)) * sizeof(Ray) / 4);
-    Buffer feature = filled("feature", uint64_t(points) * 256), rows = filled("rows", uint64_t(points) * stride),
-           normals = filled("normals", uint64_t(points) * 4);
-    measure("colour inputs", fmt::format("{} x {}", points, row.grid_column()), [&] {
-      record_assemble_inputs(commands_, {row,
-                                         points,
-                                         samples,
-                                         frame.slice(),
-                                         vectors.slice(),
-                                         rays.slice(),
-                                         normals.slice(),
-                                         {feature.slice(), 256, 0},
-                                         {rows.slice(), stride, 0},
-                                         row.grid_column()});
-    });
-    measure("colour inputs backward", fmt::format("{} x {}", points, row.grid_column()), [&] {
-      record_assemble_inputs_backward(
-          commands_,
-          {row, points, {rows.slice(), stride, 0}, vectors.slice(), normals.slice(), {feature.slice(), 256, 0}});
-    });
+  // A layer of width × width and a batch for it.
+  struct Layer {
+    Layer(Bench& bench, uint32_t batch, uint32_t layer_width)
+        : points(batch), width(layer_width), x(bench.filled("x", uint64_t(batch) * layer_width)), y(bench.filled("y", uint64_t(batch) * layer_width)),
+          weights(bench.filled("weights", packed_floats(layer_width, layer_width))), total(bench.filled("gradient", uint64_t(layer_width + 1) * layer_width)),
+          scratch(bench.filled("partial sums", weight_gradient_scratch_floats(layer_width, layer_width, batch))) {}
+
+    std::string shape() const { return fmt::format("{} x {} x {}", points, width, width); }
+    PackedWeights packed() { return {width, width, weights.slice(), weights.slice()}; }
+    void record_forward(Commands& commands, std::optional<LinearFamily> family) {
+      LinearForwardArgs args;
+      args.x = {x.slice(), width, 0};
+      args.weights = packed();
+      args.y = {y.slice(), width, 0};
+      args.activation = Activation::relu;
+      args.range.points = points;
+      args.family = family;
+      record_linear_forward(commands, args);
+    }
+    void record_input_gradient(Commands& commands) {
+      LinearInputGradientArgs args;
+      args.dy = {x.slice(), width, 0};
+      args.weights = packed();
+      args.result = {y.slice(), width, 0};
+      args.range.points = points;
+      record_linear_input_gradient(commands, args);
+    }
+    void record_weight_gradient(Commands& commands, std::optional<LinearFamily> family) {
+      LinearWeightGradientArgs args;
+      args.x = {x.slice(), width, 0};
+      args.dy = {y.slice(), width, 0};
+      args.inputs = args.outputs = width;
+      args.points = points;
+      args.scratch = scratch.slice();
+      args.total = total.slice();
+      args.family = family;
+      record_linear_weight_gradient(commands, args);
+    }
+
+    uint32_t points, width;
+    Buffer x, y, weights, total, scratch;
+  };
+
+  // The shaders of the launches, by the median of the repetitions.
+  void measure_alone(const std::string& shape, const std::function<void()>& record) {
+    run_timed(commands_, record);  // makes the pipelines
+    std::vector<Profiler> profiles;
+    for (uint32_t i = 0; i < settings_.repetitions; ++i) profiles.push_back(run_timed(commands_, record).profile);
+    add_shaders(median_lines(profiles, &Profiler::shaders, shape));
   }
 
-  void feature_grid() {
-    const uint32_t points = settings_.points;
-    const FeatureGridShape shape{{-1, -1, -1}, {1, 1, 1}, 2, {{{64, 64, 64}, {32, 32, 32}}}};
-    Buffer positions = filled("points", uint64_t(points) * 4), features = filled("features", shape.feature_count()),
-           rows = filled("rows", uint64_t(points) * 8);
-    Buffer sums = filled("sums", shape.feature_count()), clamped = filled("clamped", 1),
-           d_position = filled("d position", uint64_t(points) * 4);
-    const Matrix row_matrix{rows.slice(), 8, 0};
-    const std::string text = fmt::format("{} x 2 grids", points);
-    measure("feature grid", text, [&] {
-      record_feature_grid_forward(commands_, {shape, points, positions.slice(), features.slice(), row_matrix, 0});
-    });
-    measure("feature grid backward", text, [&] {
-      record_feature_grid_backward(
-          commands_, {shape, points, points, 1024, positions.slice(), features.slice(), row_matrix, 0, sums.slice(),
-                      clamped.slice(), PositionGradient::assign, d_position.slice(), 1});
+  // The other family of the linear layer, the straight one's kernel for wide layers, and the cotangents that only surface
+  // rendering needs.
+  void kernels_without_work() {
+    start("kernels of no work");
+    const uint32_t points = std::min(settings_.points, 16384u);
+    for (const auto& [width, family] : {std::pair{64u, LinearFamily::straight}, {64u, LinearFamily::tiled}, {256u, LinearFamily::straight}}) {
+      Layer layer(*this, points, width);
+      measure_alone(layer.shape(), [&, family = family] {
+        layer.record_forward(commands_, family);
+        layer.record_weight_gradient(commands_, family);
+      });
+    }
+
+    const uint64_t rows = padded_points(points);
+    Buffer frame = filled("frame", sizeof(FrameConstants) / 4), rays = filled("rays", rows * sizeof(Ray) / 4), gradients = filled("gradients", rows * channel_padding),
+           jacobians = filled("Jacobians", rows * 12), vectors = filled("vectors", rows * 4), cotangents = filled("cotangents", rows * 4),
+           sdf_cotangents = filled("sdf cotangents", rows * channel_padding), singular = filled("count", 64);
+    measure_alone(fmt::format("{} rays", points), [&] {
+      record_implicit_joint_cotangent(commands_, {points, frame.slice(), rays.slice(), {gradients.slice(), channel_padding, 0}, jacobians.slice(), vectors.slice(), vectors.slice(),
+                                                  cotangents.slice(), {sdf_cotangents.slice(), channel_padding, 0}, singular.slice()});
     });
   }
 
   Device& device_;
   const BenchSettings& settings_;
-  const std::function<void(const BenchLine&)>& progress_;
+  const std::function<void(const std::string&)>& progress_;
   Commands commands_;
   ProfileScope profile_;
   std::vector<float> numbers_, host_result_;
@@ -251,77 +223,139 @@ void check(const BenchSettings& settings) {
 
 }  // namespace
 
-BenchResult run_bench(Device& device, const BenchSettings& settings,
-                      const std::function<void(const BenchLine&)>& progress) {
+BenchSettings quick_bench_settings() {
+  BenchSettings settings;
+  settings.points = 1024;
+  settings.widths = {64};
+  settings.repetitions = 1;
+  settings.works = {.warm_up = 1, .steps = 1, .profiled_steps = 8, .repetitions = 1, .picture_size = 32, .fit_steps = 20, .fit_skinning_steps = 40};
+  return settings;
+}
+
+BenchResult run_bench(Device& device, const BenchSettings& settings, const std::function<void(const std::string&)>& progress) {
   check(settings);
   return Bench(device, settings, progress).run();
 }
 
-std::vector<BenchLine> profile_lines(const Profiler& profiler) {
-  std::vector<BenchLine> lines;
-  for (const auto& [name, launch] : profiler.launches()) {
-    const double seconds = std::max(launch.milliseconds, 1e-6) * 1e-3;
-    lines.push_back({name, "", launch.calls, launch.milliseconds, launch.cost.flops / seconds * 1e-9,
-                     launch.cost.bytes / seconds * 1e-9, 0});
-  }
-  std::stable_sort(lines.begin(), lines.end(),
-                   [](const BenchLine& a, const BenchLine& b) { return a.milliseconds > b.milliseconds; });
-  return lines;
+namespace {
+
+std::string percent_text(double share) { return share > 0 ? fmt::format("{:.1f} %", 100 * share) : ""; }
+
+std::string rate_text(double value) { return value > 0 ? fmt::format("{:.2f}", value) : ""; }
+
+std::string table_head(const std::string& name, const std::string& shape) {
+  return fmt::format("{:<34}{:<27}{:>7}{:>11}{:>10}{:>9}{:>9}{:>9}  {:<10}{:>9}\n", name, shape, "calls", "ms", "GFLOP/s", "of peak", "GB/s", "of peak", "bound by", "of sgemm");
 }
 
+std::string table_line(const std::string& name, const BenchLine& line, const std::string& shape, const DevicePeak& peak) {
+  const double arithmetic = line.share_of_arithmetic(peak), bandwidth = line.share_of_bandwidth(peak);
+  const char* bound = arithmetic == 0 && bandwidth == 0 ? "" : arithmetic > bandwidth ? "arithmetic" : "memory";
+  std::string text = fmt::format("{:<34}{:<27}{:>7}{:>11.3f}{:>10}{:>9}{:>9}{:>9}  {:<10}{:>9}", name, shape, line.calls, line.milliseconds, rate_text(line.gflops), percent_text(arithmetic),
+                                 rate_text(line.gigabytes), percent_text(bandwidth), bound, percent_text(line.share_of_sgemm()));
+  text.erase(text.find_last_not_of(' ') + 1);
+  return text + "\n";
+}
+
+}  // namespace
+
 std::string bench_table(const BenchResult& result) {
-  std::string text = fmt::format("{} ({}); linear layer: {}; sgemm: OpenBLAS, {} threads\n", result.device,
-                                 result.driver, result.linear_family, result.sgemm_threads);
-  text += fmt::format("{:<40}{:<20}{:>8}{:>12}{:>10}{:>9}{:>10}\n", "kernel", "shape", "calls", "ms", "GFLOP/s", "GB/s",
-                      "of sgemm");
-  for (const BenchLine& line : result.lines) {
-    const std::string share = line.sgemm_gflops > 0 ? fmt::format("{:.0f} %", 100 * line.share_of_sgemm()) : "";
-    text += fmt::format("{:<40}{:<20}{:>8}{:>12.3f}{:>10.2f}{:>9.2f}{:>10}\n", line.name, line.shape, line.calls,
-                        line.milliseconds, line.gflops, line.gigabytes, share);
+  std::string text = fmt::format("{} ({})\nPeak, measured: {:.1f} GFLOP/s in float32, {:.1f} GB/s of memory. Shares are of these; the larger one is the closer bound.\n", result.device, result.driver,
+                                 result.peak.gflops, result.peak.gigabytes);
+  text += fmt::format("\nLinear layer: {} kernels; sgemm: OpenBLAS, {} threads; the best of each\n", result.linear_family, result.sgemm_threads);
+  text += table_head("product", "shape");
+  for (const BenchLine& line : result.lines) text += table_line(line.name, line, line.shape, result.peak);
+
+  text += "\nEvery kernel: one picture, one training step, or alone; medians\n" + table_head("kernel", "measured in");
+  std::string room;
+  for (const BenchLine& line : result.shaders) {
+    const size_t slash = line.name.find('/');
+    if (line.name.substr(0, slash) != room) text += (room = line.name.substr(0, slash)) + "\n";
+    text += table_line("  " + line.name.substr(slash + 1), line, line.shape, result.peak);
+  }
+
+  text += "\nEvery stage: time on the device; medians\n" + table_head("stage", "");
+  for (const WorkBench& work : result.works) {
+    text += fmt::format("{}: {}: median {:.1f} ms, mean {:.1f} ms by the clock\n", work.name, work.description, work.median_milliseconds, work.mean_milliseconds);
+    if (work.profiled == 0) text += "  the device has no timestamps: no times by stage\n";
+    for (const BenchLine& line : work.stages) text += table_line("  " + line.name, line, "", result.peak);
   }
   return text;
 }
 
-std::string bench_json(const BenchResult& result) {
-  nlohmann::ordered_json lines = nlohmann::json::array();
-  for (const BenchLine& line : result.lines) {
+namespace {
+
+nlohmann::ordered_json json_lines(const std::vector<BenchLine>& lines, const DevicePeak& peak) {
+  nlohmann::ordered_json all = nlohmann::json::array();
+  for (const BenchLine& line : lines) {
     nlohmann::ordered_json entry{{"name", line.name}};
     if (!line.shape.empty()) entry["shape"] = line.shape;
     entry["calls"] = line.calls;
     entry["milliseconds"] = line.milliseconds;
-    if (line.gflops > 0) entry["gflops"] = line.gflops;
-    if (line.gigabytes > 0) entry["gigabytes_per_second"] = line.gigabytes;
+    if (line.gflops > 0) {
+      entry["gflops"] = line.gflops;
+      entry["share_of_peak_arithmetic"] = line.share_of_arithmetic(peak);
+    }
+    if (line.gigabytes > 0) {
+      entry["gigabytes_per_second"] = line.gigabytes;
+      entry["share_of_peak_bandwidth"] = line.share_of_bandwidth(peak);
+    }
     if (line.sgemm_gflops > 0) {
       entry["sgemm_gflops"] = line.sgemm_gflops;
       entry["share_of_sgemm"] = line.share_of_sgemm();
     }
-    lines.push_back(std::move(entry));
+    all.push_back(std::move(entry));
   }
-  return nlohmann::ordered_json{{"device", result.device},
-                                {"driver", result.driver},
-                                {"linear_family", result.linear_family},
-                                {"sgemm_threads", result.sgemm_threads},
-                                {"lines", lines}}
-             .dump(1) +
-         "\n";
+  return all;
+}
+
+}  // namespace
+
+std::string bench_json(const BenchResult& result) {
+  nlohmann::ordered_json works = nlohmann::json::array();
+  for (const WorkBench& work : result.works)
+    works.push_back({{"name", work.name},
+                     {"description", work.description},
+                     {"median_milliseconds", work.median_milliseconds},
+                     {"mean_milliseconds", work.mean_milliseconds},
+                     {"profiled", work.profiled},
+                     {"stages", json_lines(work.stages, result.peak)},
+                     {"launches", json_lines(work.launches, result.peak)}});
+  const nlohmann::ordered_json kernels{{"device", result.device},
+                                       {"driver", result.driver},
+                                       {"linear_family", result.linear_family},
+                                       {"sgemm_threads", result.sgemm_threads},
+                                       {"peak", {{"gflops", result.peak.gflops}, {"gigabytes_per_second", result.peak.gigabytes}}},
+                                       {"lines", json_lines(result.lines, result.peak)},
+                                       {"shaders", json_lines(result.shaders, result.peak)}};
+  return nlohmann::ordered_json{{"kernels", kernels}, {"works", works}}.dump(1) + "\n";
 }
 
 namespace {
 
-// name and shape → milliseconds of one call, in the file's order.
+// name and shape → milliseconds, in the file's order: of one call of a kernel or a launch, of all of a stage.
 std::vector<std::pair<std::string, double>> timed_lines(const nlohmann::ordered_json& file) {
   std::vector<std::pair<std::string, double>> lines;
-  const auto add = [&](const std::string& prefix, const nlohmann::ordered_json& all) {
+  const auto add = [&](const std::string& prefix, const nlohmann::ordered_json& all, bool a_call) {
     for (const auto& line : all) {
-      const double calls = line.at("calls").get<double>();
-      lines.emplace_back(fmt::format("{}{}{}", prefix, line.at("name").get<std::string>(), line.contains("shape") ? ", " + line["shape"].get<std::string>() : ""),
-                         line.at("milliseconds").get<double>() / std::max(calls, 1.0));
+      const double calls = a_call ? std::max(line.at("calls").get<double>(), 1.0) : 1;
+      const std::string shape = a_call && line.contains("shape") ? ", " + line["shape"].get<std::string>() : "";
+      lines.emplace_back(prefix + line.at("name").get<std::string>() + shape, line.at("milliseconds").get<double>() / calls);
     }
   };
-  add("", file.at("kernels").at("lines"));
-  const auto& step = file.at("training_step");
-  lines.emplace_back("training step", step.at("median_milliseconds").get<double>());
-  add("step: ", step.at("stages"));
+  add("", file.at("kernels").at("lines"), true);
+  if (!file.contains("works")) {
+    const auto& step = file.at("training_step");
+    lines.emplace_back("training step", step.at("median_milliseconds").get<double>());
+    add("step: ", step.at("stages"), true);
+    return lines;
+  }
+  add("", file.at("kernels").at("shaders"), true);
+  for (const auto& work : file.at("works")) {
+    const std::string name = work.at("name").get<std::string>();
+    lines.emplace_back(name, work.at("median_milliseconds").get<double>());
+    add(name + ": ", work.at("stages"), false);
+    if (name == "training step") add("step: ", work.at("launches"), true);  // as in files of version 0.1
+  }
   return lines;
 }
 
@@ -336,7 +370,7 @@ std::string bench_comparison(const std::string& old_json, const std::string& old
   }
   const auto after = timed_lines(nlohmann::ordered_json::parse(new_json));
   const auto find = [](const auto& lines, const std::string& name) { return std::find_if(lines.begin(), lines.end(), [&](const auto& line) { return line.first == name; }); };
-  std::string text = fmt::format("{:<64}{:>12}{:>12}{:>9}\n", "milliseconds a call", "before", "after", "ratio"), gone;
+  std::string text = fmt::format("{:<64}{:>12}{:>12}{:>9}\n", "milliseconds: a call, or all of a stage", "before", "after", "ratio"), gone;
   for (const auto& [name, milliseconds] : after) {
     const auto old = find(before, name);
     if (old == before.end()) text += fmt::format("{:<64}{:>12}{:>12.3f}{:>9}\n", name, "-", milliseconds, "new");

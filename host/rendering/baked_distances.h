@@ -21,7 +21,7 @@ class BakedDistances {
 
   // Distances in the cube's units, as the network gives them.
   DistanceNodes nodes() { return {grid_, distances_.slice()}; }
-  const FieldSamples& samples() const { return samples_; }  // the same, in metres
+  const FieldSamples<float>& samples() const { return samples_; }  // the same, in metres
   uint64_t evaluated() const { return evaluated_; }         // points that the network was asked for
   uint64_t bytes() const { return distances_.bytes(); }
 
@@ -34,7 +34,7 @@ class BakedDistances {
   ShellGrid grid_;
   std::vector<float> rough_;      // by coarse node: distance to the canonical template
   glm::ivec3 coarse_nodes_{0};
-  FieldSamples samples_;
+  FieldSamples<float> samples_;
   std::vector<uint8_t> known_;    // by node: the network's own answer
   uint64_t evaluated_ = 0;
   Buffer distances_, points_;

@@ -79,6 +79,7 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
 
 void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels) {
   if (pixels.size() > capacity_pixels_) throw std::invalid_argument("more pixels than room for rays");
+  commands.stage("rays");
   device_.upload(pixels_.slice(), pixels);
   const auto count = static_cast<uint32_t>(pixels.size());
   GenerateRaysArgs generate;
@@ -114,6 +115,7 @@ std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) {
 void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
   if (rays > capacity_rays_) throw std::invalid_argument("more rays than room for samples");
   if (by_surface()) return place_by_surface(commands, frame, rays, jitter);
+  commands.stage("rays");
   ShellSamplesArgs samples;
   samples.rays = rays;
   samples.samples = settings_.samples;
@@ -136,6 +138,7 @@ void RaySamples::set_surface(const std::vector<std::array<float, 4>>& points, co
 void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
   if (surface_) surface_->find(commands, frame, rays, rays_.slice(), jitter.on ? SurfaceFinder::Candidates::in_box : SurfaceFinder::Candidates::not_diverged, settings_.root);
   const bool only = settings_.mode == SamplingMode::surface_only;
+  commands.stage("rays");
   SurfaceSamplesArgs samples;
   samples.rays = rays;
   samples.slots = settings_.samples;

@@ -59,6 +59,7 @@ PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint3
 void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
                             const RootFindingSettings& settings) {
   if (points > capacity_) throw std::invalid_argument(fmt::format("root search of {} points in room for {}", points, capacity_));
+  commands.stage("correspondence search");
   const uint64_t bytes = uint64_t(padded_points(points)) * 16;
   if (networks_.spec().skinning.kind == Skinning::none) {
     commands.copy(targets.sub(0, bytes), canonical.sub(0, bytes));

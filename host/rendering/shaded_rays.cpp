@@ -22,6 +22,7 @@ ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, 
 
 void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options) {
   const uint32_t rows = placed.rows(rays);
+  commands.stage("distances");
   CompositeForwardArgs composite;
   composite.samples.rays = rays;
   composite.samples.samples = placed.samples();
@@ -41,6 +42,7 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.transmittances = transmittances();
   composite.flags = queue_.flags();
   composite.least_weight = static_cast<float>(options.least_weight);
+  commands.stage("compositing");
   record_composite_forward(commands, composite);
   if (options.groups) {
     GroupSamplesArgs group;
@@ -55,6 +57,7 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   }
   queue_.select(commands, rows, placed.canonical());
 
+  commands.stage("shading");
   inputs_ = {frame.constants(), queue_.canonical(), placed.rays(), queue_.size(), {}, queue_.samples(), rows};
   if (options.normals || networks_.spec().color.normal)
     inputs_.transforms = placed.root_finder().record_transforms(commands, frame, {{inputs_.rows, {}}, queue_.samples()}, queue_.canonical());
@@ -65,6 +68,7 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.samples.slot_count = queue_.size();
   composite.samples.groups = options.groups > 0;
   composite.flags = {};
+  commands.stage("compositing");
   record_composite_forward(commands, composite);
   composited_ = composite.samples;
   if (!options.normals) return;

@@ -124,6 +124,7 @@ void SurfaceFinder::record_skinning(Commands& commands, FrameOnDevice& frame, co
 }
 
 void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing) {
+  commands.stage("sphere tracing");
   record_sphere_start(commands, {{rays, {}}, {}}, tracing);
   record_compaction(commands, {{rays, {}}, {}}, active_, in_box_);
   Queue* from = &in_box_;
@@ -155,6 +156,7 @@ void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t ray
 }
 
 void SurfaceFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Queue& start, const RootFindingSettings& settings) {
+  commands.stage("joint search");
   Rows rows = rows_of(rays, start);
   record_sdf(commands, frame, rows, starts_.slice(), true);
   record_skinning(commands, frame, rows, starts_.slice(), true);

@@ -19,7 +19,7 @@ constexpr uint32_t vertices_at_a_time = 8192;
 
 }  // namespace
 
-SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples& distances, const BufferSlice& frame)
+SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame)
     : avatar_(avatar), mesh_(surface_nets(distances)) {
   even_out(mesh_, [&](const glm::dvec3& p) { return distances.between(p); }, distances.cell, smoothing_rounds);
   normals_ = vertex_normals(mesh_.vertices, mesh_.triangles);

@@ -21,7 +21,7 @@ class SurfaceMesh {
  public:
   // The zero set of the distances, with the weights of the skinning network as it is packed now (or those of the template's
   // nearest vertices, where the avatar follows these). frame: any pose's constants. Submits.
-  SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples& distances, const BufferSlice& frame);
+  SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame);
 
   // outline: metres that the mesh is drawn farther out than the surface that its places belong to, because volume rendering
   // with a density that fades over b shows a body that much wider where it is seen from the side.

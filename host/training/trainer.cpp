@@ -102,6 +102,7 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
 void Trainer::solve_correspondences() {
   const ParameterGroup& group = networks_.layout().group("skinning");
   grid_parameters_ = device_.download<float>(networks_.parameters().elements(group.begin, group.size()));
+  commands_.stage("weights");
   networks_.record_pack(commands_, 0);  // the skinning network reads no code
   for (const TrainingImages::Place& place : images_.places()) {  // by frame
     if (&place != images_.places().data() && (&place)[-1].frame == place.frame) continue;
@@ -238,6 +239,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   shaded_samples_ += shaded_.queue().shaded();
 
   // Losses and the way back.
+  commands_.stage("losses");
   ImageLossArgs image;
   image.rays = rays;
   image.normaliser = float(settings_.rays);
@@ -250,6 +252,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   image.slot = color_slot;
   image.partials = partials_.slice();
   record_image_loss(commands_, image);
+  commands_.stage("compositing backward");
   Field& field = shaded_.field();
   CompositeBackwardArgs back;
   back.samples = shaded_.composited();
@@ -262,6 +265,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   back.partials = partials_.slice();
   field.record_clear_cotangents(commands_, shaded_.queue().shaded());
   record_composite_backward(commands_, back);
+  commands_.stage("shading backward");
   Field::Backward field_back;
   field_back.accumulate = first > 0;
   field_back.position = skinning_step;
@@ -269,6 +273,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   field_back.grid_sums = grid_sums_.slice();
   field_back.grid_clamped = grid_clamped_.slice();
   field.record_backward(commands_, shaded_.inputs(), field_back);
+  commands_.stage("skinning backward");
   if (skinning_step) skinning_->record_from_positions(commands_, frame, shaded_.inputs().rows, shaded_.inputs().canonical, field.position_gradient(), first > 0, scratch_.slice());
 }
 
@@ -288,14 +293,18 @@ StepReport Trainer::step(uint64_t steps_left) {
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(losses_.slice(), 0);
+  commands_.stage("weights");
   networks_.record_pack(commands_, row);
   samples_.root_finder().reset_counts();
   shaded_samples_ = 0;
   samples_.set_half_width(half_width(settings_, steps_));
   for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, first, skinning_step);
+  commands_.stage("regularisers");
   record_regularisers();
   if (skinning_step) skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
+  commands_.stage("weights");
   networks_.record_unpack(commands_, row, {true, skinning_step, true}, scratch_.slice());
+  commands_.stage("optimiser");
   for (size_t g = 0; g < groups_.size(); ++g)
     if (groups_[g].begin < groups_[g].end && (groups_[g].name != "skinning" || skinning_step)) record_update(groups_[g], g);
   commands_.submit_and_wait();

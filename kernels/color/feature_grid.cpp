@@ -92,7 +92,7 @@ void record_feature_grid_forward(Commands& commands, const FeatureGridForwardArg
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   const double nodes_read = 8.0 * static_cast<double>(points) * args.shape.levels;
-  launch.cost = {nodes_read * 11, 16.0 * static_cast<double>(points) + nodes_read * 16 +
+  launch.cost = {nodes_read * 11, 16.0 * static_cast<double>(points) + table_bytes(nodes_read * 16, 4.0 * static_cast<double>(args.shape.feature_count())) +
                                       4.0 * static_cast<double>(points) * args.shape.channels()};
   commands.dispatch(launch);
 }
@@ -133,7 +133,7 @@ void record_feature_grid_backward(Commands& commands, const FeatureGridBackwardA
   launch.push_constant_bytes = sizeof(constants);
   const double nodes_touched = 8.0 * static_cast<double>(points) * args.shape.levels;
   launch.cost = {nodes_touched * (position ? 26 : 11), 16.0 * static_cast<double>(points) * (position ? 2 : 1) +
-                                                           nodes_touched * (position ? 48 : 32) +
+                                                           table_bytes(nodes_touched * 16, 4.0 * static_cast<double>(args.shape.feature_count())) * (position ? 3 : 2) +
                                                            4.0 * static_cast<double>(points) * args.shape.channels()};
   commands.dispatch(launch);
 }

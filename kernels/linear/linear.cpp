@@ -34,6 +34,7 @@ struct GeneralArgs {
   Matrix result, second, stored, before, after;
   PointRange range;
   const std::string& name;
+  std::optional<LinearFamily> family = {};
 };
 
 void check_matrix(const std::string& name, const char* what, const Matrix& matrix, uint32_t channels, uint32_t points) {
@@ -62,7 +63,7 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     if (!matrix->empty()) check_matrix(a.name, what, *matrix, a.outputs, a.range.points);
 
   Device& device = commands.device();
-  const LinearFamily family = linear_family(device);
+  const LinearFamily family = a.family ? *a.family : linear_family(device);
   const uint32_t tile = linear_tile(a.inputs, a.outputs);
   const bool shuffled = family == LinearFamily::straight && wide_product(a.inputs, a.outputs);
   // The shuffled kernel's sizes are push constants: 1 and 1 stand for what the others specialise.
@@ -84,7 +85,7 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   launch.bindings = {a.x.slice, a.result.slice, a.second.empty() ? a.result.slice : a.second.slice, or_input(a.stored), or_input(a.before), or_input(a.after)};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof constants;
-  launch.indirect = a.range.indirect;
+  set_range(launch, a.range);
   launch.cost = forward_cost(a);
 
   const uint64_t tile_floats = uint64_t(a.inputs + 1) * tile;
@@ -99,11 +100,9 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   if (shuffled) {
     at_column(0);
     launch.bindings.push_back(a.packed.elements(0, tile_floats));
-    launch.groups = {padded_points(a.range.points) / 64, 1, 1};
     commands.dispatch(launch);
   } else if (family == LinearFamily::straight) {
     const uint32_t tiles = a.outputs / tile;
-    launch.groups = {padded_points(a.range.points) / 64, 1, 1};
     launch.cost.flops /= tiles;
     launch.cost.bytes /= tiles;
     for (uint32_t t = 0; t < tiles; ++t) {
@@ -114,7 +113,7 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     }
   } else {
     at_column(0);
-    launch.groups = {padded_points(a.range.points) / 64, (a.outputs + 63) / 64, 1};
+    launch.groups[1] = (a.outputs + 63) / 64;
     commands.dispatch(launch);
   }
 }
@@ -131,8 +130,15 @@ LinearFamily linear_family(const Device& device) {
   return device.report().type == DeviceType::cpu ? LinearFamily::straight : LinearFamily::tiled;
 }
 
+void set_range(Launch& launch, const PointRange& range) {
+  const uint32_t groups = padded_points(range.points) / point_padding;
+  launch.groups = {groups, 1, 1};
+  launch.indirect = launch.cost_count = range.indirect;
+  launch.cost_groups = groups;
+}
+
 void record_linear_forward(Commands& commands, const LinearForwardArgs& a) {
-  record_general(commands, {Mode::activation, a.activation, a.x, a.weights.inputs, a.weights.outputs, a.weights.forward, a.y, a.cosine, {}, {}, {}, a.range, a.name});
+  record_general(commands, {Mode::activation, a.activation, a.x, a.weights.inputs, a.weights.outputs, a.weights.forward, a.y, a.cosine, {}, {}, {}, a.range, a.name, a.family});
 }
 
 void record_linear_input_gradient(Commands& commands, const LinearInputGradientArgs& a) {
@@ -170,7 +176,7 @@ void record_linear_weight_gradient(Commands& commands, const LinearWeightGradien
   check_matrix(a.name, "the input", a.x, a.inputs, a.points);
   check_matrix(a.name, "the gradient", a.dy, a.outputs, a.points);
   Device& device = commands.device();
-  const LinearFamily family = linear_family(device);
+  const LinearFamily family = a.family ? *a.family : linear_family(device);
   const uint32_t rows = padded_points(a.points), splits = weight_gradient_splits(family, a.points);
   const uint64_t texels = uint64_t(a.inputs + 1) * a.outputs / 4;
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "kernels/linear/matrix.h"
@@ -49,6 +50,8 @@ struct PointRange {
   uint32_t points = 0;
   BufferSlice indirect;
 };
+// Gives the launch a workgroup for every 64 points of the range. launch.cost is that of all `points`.
+void set_range(Launch& launch, const PointRange& range);
 
 // Y = act(X W + b). X: [points][inputs]; Y: [points][outputs]; cosine (sine only, optional): cos of the pre-activation.
 struct LinearForwardArgs {
@@ -59,6 +62,7 @@ struct LinearForwardArgs {
   Matrix cosine;
   PointRange range;
   std::string name = "linear forward";
+  std::optional<LinearFamily> family;  // none: linear_family
 };
 void record_linear_forward(Commands& commands, const LinearForwardArgs& args);
 
@@ -108,6 +112,7 @@ struct LinearWeightGradientArgs {
   BufferSlice scratch;
   BufferSlice total;
   std::string name = "linear weight gradient";
+  std::optional<LinearFamily> family;  // none: linear_family
 };
 uint64_t weight_gradient_scratch_floats(uint32_t inputs, uint32_t outputs, uint32_t points);
 void record_linear_weight_gradient(Commands& commands, const LinearWeightGradientArgs& args);

@@ -62,7 +62,9 @@ void record_adam(Commands& commands, const AdamArgs& args) {
     launch.push_constants = &constants;
     launch.push_constant_bytes = sizeof(constants);
     launch.after_previous = first == 0;  // chunks touch different numbers
-    launch.cost = {static_cast<double>(floats) * 16, static_cast<double>(floats) * (averaged ? 36 : 28)};
+    // Lazy: all gradients are read; how many are not zero, and stepped, is known to the device alone.
+    if (args.lazy) launch.cost = {0, static_cast<double>(floats) * 4};
+    else launch.cost = {static_cast<double>(floats) * 16, static_cast<double>(floats) * (averaged ? 36 : 28)};
     commands.dispatch(launch);
   }
 }

@@ -35,7 +35,8 @@ void record_shell_bins(Commands& commands, const ShellBinsArgs& args) {
                      {args.kept_counts, uint64_t(padded) * 4}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
-  launch.cost = {args.count * 64 * 60.0, args.count * (64 * 32 + 44.0)};
+  // 64 bins a ray, between eight nodes each
+  launch.cost = {args.count * 64 * 60.0, args.count * 44.0 + table_bytes(args.count * 64 * 32.0, node_count(args.grid) * 4.0)};
   commands.dispatch(launch);
 }
 

@@ -15,7 +15,7 @@ void record_outside_shell(Commands& commands, const OutsideShellArgs& args) {
   launch.bindings = {{args.points, bytes}, {args.distances, node_count(args.grid) * 4ull}, {args.points, bytes}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof constants;
-  launch.cost = {args.rows * 30.0, args.rows * (32.0 + 8 * 16)};
+  launch.cost = {args.rows * 30.0, args.rows * 32.0 + table_bytes(args.rows * 32.0, node_count(args.grid) * 4.0)};
   commands.dispatch(launch);
 }
 

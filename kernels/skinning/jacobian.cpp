@@ -16,8 +16,7 @@ void record_jacobian(Commands& commands, const JacobianArgs& args) {
   Launch launch;
   launch.pipeline = &commands.device().pipeline("skinning/jacobian");
   launch.name = "skinning Jacobian";
-  launch.groups = {padded_points(rows) / point_padding, 1, 1};
-  launch.indirect = args.range.indirect;
+  set_range(launch, args.range);
   launch.bindings = {{args.frame, sizeof(FrameConstants)},    {args.transforms, 3 * vec4_bytes(rows)},
                      matrix_binding(args.gradients[0], rows), matrix_binding(args.gradients[1], rows),
                      matrix_binding(args.gradients[2], rows), {args.jacobians, 3 * vec4_bytes(rows)}};

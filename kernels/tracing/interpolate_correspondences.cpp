@@ -19,7 +19,8 @@ void record_interpolate_correspondences(Commands& commands, const InterpolateCor
                      {args.flags, uint_bytes(args.points)}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof constants;
-  launch.cost = {args.points * 160.0, args.points * (16.0 * 10 + 36)};
+  // eight nodes a point: the slot and the root of each
+  launch.cost = {args.points * 160.0, args.points * 36.0 + table_bytes(args.points * 8 * 20.0, node_count(grid) * 4.0 + double(args.nodes.canonical.bytes))};
   commands.dispatch(launch);
 }
 

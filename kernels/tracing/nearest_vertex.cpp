@@ -26,7 +26,8 @@ void record_nearest_vertex(Commands& commands, const NearestVertexArgs& args) {
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   // Some three occupied cells of a handful of vertices each; the blend of four transforms dominates the arithmetic.
-  launch.cost = {rows * 300.0, rows * 16.0 * 30};
+  const double table = double(args.target.vertices.bytes + args.target.joints.bytes + args.target.weights.bytes) + 8.0 * double(cells);
+  launch.cost = {rows * 300.0, rows * 40.0 + table_bytes(rows * 16.0 * 30, table)};
   commands.dispatch(launch);
 }
 

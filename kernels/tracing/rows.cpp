@@ -13,8 +13,7 @@ void add_rows(Launch& launch, const Rows& rows, const BufferSlice& unused) {
   launch.bindings.insert(launch.bindings.begin(),
                          {rows.ids.empty() ? Binding{unused} : Binding{rows.ids, uint_bytes(range.points)},
                           range.indirect.empty() ? Binding{unused} : Binding{range.indirect, sizeof(WorkCount)}});
-  launch.groups = {padded_points(range.points) / point_padding, 1, 1};
-  launch.indirect = range.indirect;
+  set_range(launch, range);
 }
 
 std::vector<uint32_t> rows_specialization(const Rows& rows) {

@@ -44,7 +44,7 @@ void record_vertex_transforms(Commands& commands, const VertexTransformsArgs& ar
                      args.target.weights,
                      {args.transforms, 3 * vec4_bytes(rows)}};
   add_rows(launch, args.rows, args.frame);
-  launch.cost = {120.0 * rows, 270.0 * rows};
+  launch.cost = {120.0 * rows, 52.0 * rows + table_bytes(20.0 * rows, double(args.target.joints.bytes + args.target.weights.bytes))};
   commands.dispatch(launch);
 }
 

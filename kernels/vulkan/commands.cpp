@@ -8,7 +8,7 @@
 
 namespace arah {
 namespace {
-constexpr uint32_t launches_per_pool = 2048;  // two timestamps each
+constexpr uint32_t launches_per_pool = 2048;  // two timestamps each, and where wanted a count of the work
 }
 
 struct Commands::State {
@@ -18,11 +18,15 @@ struct Commands::State {
   bool recording = false;
   bool anything_written = false;
 
+  std::string stage;
+
   struct Timed {
-    std::string name;
+    std::string name, shader, stage;
     Cost cost;
+    uint32_t cost_groups = 0;  // 0: the cost is known
   };
   std::vector<VkQueryPool> queries;
+  std::vector<Buffer> counts;  // of each pool: by launch, the groups of work that there were
   std::vector<Timed> timed;
 };
 
@@ -69,6 +73,8 @@ void Commands::barrier(uint32_t next_stage_is_transfer) {
   }
   s.anything_written = true;
 }
+
+void Commands::stage(const std::string& name) { state_->stage = name; }
 
 void Commands::dispatch(const Launch& launch) {
   DeviceState& device = device_.state();
@@ -121,6 +127,12 @@ void Commands::dispatch(const Launch& launch) {
   }
 
   State& s = *state_;
+  const bool counted = device.profiler.enabled && !launch.cost_count.empty();
+  if (counted) {  // before the launch: it may be one that overwrites the count
+    const size_t pool = s.timed.size() / launches_per_pool;
+    while (s.counts.size() <= pool) s.counts.emplace_back(device_, "counts of work, for the profile", launches_per_pool * 4ull, BufferPlace::shared);
+    copy(launch.cost_count.sub(0, 4), s.counts[pool].slice().elements(s.timed.size() % launches_per_pool, 1));
+  }
   if (launch.after_previous || !s.recording) barrier(0);
   vkCmdBindPipeline(s.buffer, VK_PIPELINE_BIND_POINT_COMPUTE, launch.pipeline->handle);
   device.push_descriptors(s.buffer, VK_PIPELINE_BIND_POINT_COMPUTE, launch.pipeline->layout, 0, static_cast<uint32_t>(writes.size()), writes.data());
@@ -142,7 +154,7 @@ void Commands::dispatch(const Launch& launch) {
     pool = s.queries[index / launches_per_pool];
     if (query == 0) vkCmdResetQueryPool(s.buffer, pool, 0, launches_per_pool * 2);
     vkCmdWriteTimestamp(s.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool, query);
-    s.timed.push_back({launch.name, launch.cost});
+    s.timed.push_back({launch.name, launch.pipeline->name, s.stage, launch.cost, counted ? launch.cost_groups : 0});
   }
   if (launch.indirect.empty()) vkCmdDispatch(s.buffer, launch.groups[0], launch.groups[1], launch.groups[2]);
   else vkCmdDispatchIndirect(s.buffer, launch.indirect.buffer->handle(), launch.indirect.offset);
@@ -185,8 +197,13 @@ void Commands::submit_and_wait() {
     std::vector<uint64_t> ticks(count * 2);
     check(vkGetQueryPoolResults(device.device, s.queries[first / launches_per_pool], 0, count * 2, ticks.size() * 8, ticks.data(), 8, VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
           "reading timestamps");
-    for (uint32_t i = 0; i < count; ++i)
-      device.profiler.add(s.timed[first + i].name, double(ticks[2 * i + 1] - ticks[2 * i]) * device.report.timestamp_period_ns * 1e-6, s.timed[first + i].cost);
+    std::vector<uint32_t> groups(count, 0);
+    if (first / launches_per_pool < s.counts.size()) device_.download(s.counts[first / launches_per_pool].slice(), groups.data(), count * 4ull);
+    for (uint32_t i = 0; i < count; ++i) {
+      const State::Timed& timed = s.timed[first + i];
+      const double part = timed.cost_groups ? double(groups[i]) / timed.cost_groups : 1;
+      device.profiler.add(timed.name, timed.shader, timed.stage, double(ticks[2 * i + 1] - ticks[2 * i]) * device.report.timestamp_period_ns * 1e-6, {timed.cost.flops * part, timed.cost.bytes * part});
+    }
   }
   s.timed.clear();
 }

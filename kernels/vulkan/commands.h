@@ -29,6 +29,10 @@ struct Launch {
   BufferSlice indirect;         // three uint32 group counts on the device
   bool after_previous = true;   // false: reads nothing that the launch before it wrote, so no barrier is needed
   Cost cost;
+  // Where only the device knows how much there is to do, the group counts of it (an indirect launch's own, as a rule), and
+  // how many groups `cost` is for: the profile takes its part.
+  BufferSlice cost_count;
+  uint32_t cost_groups = 1;
 };
 
 // A command buffer that is recorded and run as often as wanted.
@@ -41,6 +45,9 @@ class Commands {
   Commands& operator=(const Commands&) = delete;
 
   Device& device() { return device_; }
+
+  // The stage of the work that the launches recorded from now on belong to, for the profile: "" for none.
+  void stage(const std::string& name);
 
   // Throws std::invalid_argument naming the launch where bindings, sizes, push constants or groups do not fit.
   void dispatch(const Launch& launch);

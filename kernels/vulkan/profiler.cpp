@@ -7,12 +7,13 @@
 
 namespace arah {
 
-void Profiler::add(const std::string& name, double milliseconds, const Cost& cost) {
-  LaunchStatistics& entry = launches_[name];
-  entry.calls += 1;
-  entry.milliseconds += milliseconds;
-  entry.cost.flops += cost.flops;
-  entry.cost.bytes += cost.bytes;
+void Profiler::add(const std::string& name, const std::string& shader, const std::string& stage, double milliseconds, const Cost& cost) {
+  for (LaunchStatistics* entry : {&launches_[name], &shaders_[shader], &stages_[stage]}) {
+    entry->calls += 1;
+    entry->milliseconds += milliseconds;
+    entry->cost.flops += cost.flops;
+    entry->cost.bytes += cost.bytes;
+  }
 }
 
 double Profiler::total_milliseconds() const {

@@ -30,6 +30,8 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   fill_with_new_values(object, next);
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
+  object["around_surface"] = 19;  // odd, and with those before it no more than all
+  object["before_surface"] = 18;
   ASSERT_GT(next, 1070) << "fields";
   const TrainingSettings settings = settings_from_json(object.dump(), "config.json");
   EXPECT_EQ(json::parse(settings_to_json(settings)), object);
@@ -106,6 +108,17 @@ TEST(TrainingSettingsTest, RatesAreFrozenThenWarmedUpThenFallAlongACosine) {
   EXPECT_DOUBLE_EQ(rate_factor(group, settings, 4, 0.5), 0.3) << "warm-up and cosine multiply";
   EXPECT_EQ(rate_factor(group, settings, 2, 0.5), 0);
   EXPECT_DOUBLE_EQ(rate_factor(GroupSettings{}, settings, 0, 0), 1) << "neither frozen nor warmed up";
+}
+
+TEST(TrainingSettingsTest, TheIntervalAroundTheSurfaceNarrowsInALine) {
+  TrainingSettings settings;
+  EXPECT_EQ(half_width(settings, 0), 0.05);
+  settings.half_width_start = 0.15;
+  settings.half_width_steps = 100;
+  EXPECT_DOUBLE_EQ(half_width(settings, 0), 0.15);
+  EXPECT_DOUBLE_EQ(half_width(settings, 50), 0.10);
+  EXPECT_DOUBLE_EQ(half_width(settings, 100), 0.05);
+  EXPECT_DOUBLE_EQ(half_width(settings, 1000), 0.05);
 }
 
 }  // namespace

@@ -178,6 +178,26 @@ TEST_F(Vulkan, LaunchesAreCountedAndTimedByName) {
     own.dispatch(launch);
   }
   own.submit_and_wait();
+  // A launch over a quarter of the rows that there is room for does a quarter of the work.
+  Buffer count(timed, "count", 12, BufferPlace::shared);
+  timed.upload(count.slice(), std::vector<uint32_t>{1, 1, 1});
+  own.stage("the quarter");
+  Launch launch;
+  launch.pipeline = &timed.pipeline("linear/reduce_partials", {0});
+  launch.name = "one of four groups";
+  launch.bindings = {a.slice(), b.slice()};
+  launch.push_constants = &sizes;
+  launch.push_constant_bytes = sizeof sizes;
+  launch.indirect = launch.cost_count = count.slice();
+  launch.cost_groups = 4;
+  launch.cost = {100, 200};
+  own.dispatch(launch);
+  own.submit_and_wait();
+  EXPECT_EQ(timed.profiler().launches().at("one of four groups").cost.flops, 25);
+  EXPECT_EQ(timed.profiler().stages().at("the quarter").cost.bytes, 50);
+  EXPECT_EQ(timed.profiler().shaders().at("linear/reduce_partials").calls, 4u);
+  EXPECT_EQ(timed.profiler().stages().at("").calls, 3u);
+
   const LaunchStatistics& statistics = timed.profiler().launches().at("three times");
   EXPECT_EQ(statistics.calls, 3u);
   EXPECT_GT(statistics.milliseconds, 0);

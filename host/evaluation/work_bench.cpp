@@ -1,0 +1,179 @@
+#include "host/evaluation/work_bench.h"
+
+#include <fmt/format.h>
+#include <stdlib.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <numeric>
+#include <stdexcept>
+
+#include "host/capture/synthetic_capture.h"
+#include "host/evaluation/timed_launches.h"
+#include "host/rendering/renderer.h"
+#include "host/training/template_fit.h"
+#include "host/training/trainer.h"
+
+namespace arah {
+namespace {
+
+namespace fs = std::filesystem;
+
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = (fs::temp_directory_path() / "arah-bench-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr)
+      throw std::runtime_error(fmt::format("{}: could not be made: {}", name, std::strerror(errno)));
+    path_ = name;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+// The stages as they follow each other; a step and a picture have those that they launch.
+const std::vector<std::string>& stage_order() {
+  static const std::vector<std::string> order{"weights", "rays", "sphere tracing", "joint search", "correspondence search", "distances", "shading", "compositing",
+                                              "losses", "compositing backward", "shading backward", "skinning backward", "regularisers", "optimiser"};
+  return order;
+}
+
+// Times of `run`, after `warm_up` runs that do not count.
+WorkBench measure_work(Device& device, const std::string& name, const std::string& description, uint32_t warm_up, uint32_t timed, uint32_t profiled, const std::function<void()>& run) {
+  WorkBench bench{name, description, 0, 0, 0, {}, {}, {}};
+  const ProfileScope scope(device);
+  const bool timestamps = device.profiler().enabled;
+  device.profiler().enabled = false;
+  for (uint32_t i = 0; i < warm_up; ++i) run();
+  std::vector<double> milliseconds;
+  for (uint32_t i = 0; i < timed; ++i) {
+    const auto start = std::chrono::steady_clock::now();
+    run();
+    milliseconds.push_back(milliseconds_since(start));
+  }
+  bench.mean_milliseconds = std::accumulate(milliseconds.begin(), milliseconds.end(), 0.0) / timed;
+  std::nth_element(milliseconds.begin(), milliseconds.begin() + timed / 2, milliseconds.end());
+  bench.median_milliseconds = milliseconds[timed / 2];
+  if (!timestamps) return bench;
+
+  device.profiler().enabled = true;
+  std::vector<Profiler> profiles;
+  for (uint32_t i = 0; i < profiled; ++i) {
+    device.profiler().reset();
+    run();
+    profiles.push_back(device.profiler());
+  }
+  bench.profiled = profiled;
+  bench.stages = median_lines(profiles, &Profiler::stages, name);
+  const auto place = [](const BenchLine& line) { return std::find(stage_order().begin(), stage_order().end(), line.name); };
+  std::stable_sort(bench.stages.begin(), bench.stages.end(), [&](const BenchLine& a, const BenchLine& b) { return place(a) < place(b); });
+  bench.launches = median_lines(profiles, &Profiler::launches, "");
+  std::stable_sort(bench.launches.begin(), bench.launches.end(), [](const BenchLine& a, const BenchLine& b) { return a.milliseconds > b.milliseconds; });
+  bench.shaders = median_lines(profiles, &Profiler::shaders, name);
+  return bench;
+}
+
+class Works {
+ public:
+  Works(Device& device, const WorkBenchSettings& settings, const std::function<void(const std::string&)>& progress) : device_(device), settings_(settings), progress_(progress) {
+    SyntheticSettings synthetic;
+    synthetic.frames = 2;
+    synthetic.size = 128;
+    write_synthetic_capture(folder_.path() / "capture", synthetic);
+    capture_ = open_capture(folder_.path() / "capture");
+  }
+
+  std::vector<WorkBench> run() {
+    const TrainingSettings tiny = step_settings("tiny");
+    const Avatar plain = fitted(preset_spec("tiny"), tiny);
+    train("training step", fmt::format("preset tiny, {} rays x {} samples", tiny.rays, tiny.sampling.samples), plain, tiny, settings_.warm_up, settings_.steps, settings_.profiled_steps);
+
+    // The parts of the preset paper in the sizes of tiny: 64 samples around surfaces, a code for the SDF, view and normal for
+    // the colour.
+    TrainingSettings papers = step_settings("paper");
+    papers.rays = 128;
+    papers.eikonal_points = papers.off_surface_points = papers.inside_points = papers.skinning_points = 256;
+    AvatarSpec spec = preset_spec("tiny");
+    spec.sdf.conditioning = SdfConditioning::latent;
+    spec.sdf.mapping_width = 64;
+    spec.sdf.mapping_hidden_layers = 2;
+    spec.color.skip = 2;
+    spec.color.narrow = 32;
+    spec.color.view = spec.color.normal = true;
+    const Avatar rich = fitted(spec, papers);
+    train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
+
+    picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
+    picture("picture, balanced", "32 samples in the shell, correspondences from a grid", plain, "balanced");
+    AvatarSpec simple = preset_spec("tiny");
+    simple.skinning = {Skinning::template_weights, 0, 0};
+    picture("picture, template weights", "64 samples around surfaces, no skinning network", fitted(simple, papers), "paper");
+    return std::move(benches_);
+  }
+
+ private:
+  // Every group steps from the start, as in most of a training.
+  TrainingSettings step_settings(const std::string& preset) const {
+    TrainingSettings training = preset_settings(preset);
+    for (GroupSettings* group : {&training.sdf, &training.skinning, &training.deviation}) group->freeze = group->warm_up = 0;
+    training.fit_steps = settings_.fit_steps;
+    training.fit_skinning_steps = settings_.fit_skinning_steps;
+    training.fit_rate = preset_settings("tiny").fit_rate;
+    return training;
+  }
+
+  Avatar fitted(const AvatarSpec& spec, const TrainingSettings& training) {
+    Avatar avatar = make_avatar(spec, capture_, 0);
+    fit_template(device_, avatar, training);
+    avatar.settings = settings_to_json(training);  // how its pictures are sampled
+    return avatar;
+  }
+
+  void start(const std::string& name) {
+    if (progress_) progress_(name);
+  }
+
+  void train(const std::string& name, const std::string& description, const Avatar& avatar, const TrainingSettings& training, uint32_t warm_up, uint32_t timed, uint32_t profiled) {
+    start(name);
+    Trainer trainer(device_, capture_, avatar, training);
+    uint64_t left = uint64_t(warm_up) + timed + profiled;
+    benches_.push_back(measure_work(device_, name, description, warm_up, timed, profiled, [&] { trainer.step(left--); }));
+  }
+
+  void picture(const std::string& name, const std::string& description, const Avatar& avatar, const std::string& preset) {
+    start(name);
+    RenderSettings render = render_preset(avatar, preset);
+    render.normals = preset == "paper";
+    Renderer renderer(device_, avatar, render);
+    const Camera camera = capture_.cameras[0].scaled(settings_.picture_size);
+    const MotionFrame& frame = motion_of(capture_, "train").frames.front();
+    benches_.push_back(measure_work(device_, name, fmt::format("{0} x {0} pixels, {1}", settings_.picture_size, description), 1, settings_.repetitions, settings_.repetitions,
+                                    [&] { renderer.render(camera, frame.pose, latent_row(avatar, frame.number)); }));
+  }
+
+  Device& device_;
+  const WorkBenchSettings& settings_;
+  const std::function<void(const std::string&)>& progress_;
+  TemporaryFolder folder_;
+  Capture capture_;
+  std::vector<WorkBench> benches_;
+};
+
+}  // namespace
+
+std::vector<WorkBench> run_work_bench(Device& device, const WorkBenchSettings& settings, const std::function<void(const std::string&)>& progress) {
+  if (settings.steps == 0 || settings.repetitions == 0) throw std::invalid_argument("work bench: nothing to time");
+  return Works(device, settings, progress).run();
+}
+
+}  // namespace arah
