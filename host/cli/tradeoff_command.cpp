@@ -70,6 +70,7 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
   command->add_option("--max-error", options->max_error,
                       "say which setting is the fastest whose PSNR against the photographs is at most this much below the exact rendering's: 0.1dB");
   add_device_option(*command, options->device);
+  add_memory_option(*command, options->device);
   command->footer("Example: arah tradeoff run capture -o study --size 256 --budget 200ms --max-error 0.1dB");
   command->callback([options, &run] {
     run = [options] {

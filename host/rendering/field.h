@@ -19,6 +19,9 @@ class Field {
   // are. Worth it where a good part of the rows has no point.
   Matrix record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows, bool sparse);
 
+  // Makes the room that sparse distances take; else their first call does.
+  void make_room_for_gaps();
+
   struct Inputs {
     BufferSlice frame;      // FrameConstants
     BufferSlice canonical;  // vec4 by row

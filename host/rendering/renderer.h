@@ -23,7 +23,8 @@ struct Picture {
 
 class Renderer {
  public:
-  // The avatar's numbers are copied to the device.
+  // The avatar's numbers are copied to the device. Throws MemoryCeilingError where not even 64 rays at a time fit below the
+  // device's memory ceiling.
   Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
 
   // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
@@ -43,6 +44,7 @@ class Renderer {
   }
 
  private:
+  uint32_t planned_rays();
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
   void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, Picture& picture);
 
@@ -50,6 +52,7 @@ class Renderer {
   const Avatar& avatar_;
   RenderSettings settings_;
   SamplingSettings sampling_;
+  uint32_t rays_;  // at a time
   AvatarNetworks networks_;
   TemplateOnDevice body_;
   std::optional<RaySamples> samples_;
