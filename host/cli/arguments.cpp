@@ -1,7 +1,11 @@
 #include "host/cli/arguments.h"
 
 #include <CLI/CLI.hpp>
+#include <charconv>
+#include <cmath>
+#include <memory>
 
+#include "host/cli/shader_progress.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -11,6 +15,35 @@ namespace fs = std::filesystem;
 void add_device_option(CLI::App& command, DeviceOptions& device) {
   command.add_option("--device", device.wanted,
                      "Vulkan device: its number or part of its name, see arah devices (default: the best one)");
+  device.compiling = [line = std::make_shared<ShaderLine>()](const ShaderProgress& progress) { line->show(progress); };
+}
+
+uint64_t memory_size(const std::string& text) {
+  double number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number, std::chars_format::fixed);
+  const std::string unit(error == std::errc() ? end : text.data(), text.data() + text.size());
+  const std::size_t power = std::string("KMG").find(unit);
+  const double bytes = power < 3 && unit.size() == 1 ? number * std::pow(1024.0, static_cast<double>(power + 1)) : 0;
+  if (!(bytes >= 1 && bytes < 0x1p60))
+    throw InputError("--memory", "", "a size such as 512M or 1.5G (K, M, G: powers of 1024)", "'" + text + "'");
+  return static_cast<uint64_t>(bytes);
+}
+
+void add_memory_option(CLI::App& command, DeviceOptions& device) {
+  command.add_option_function<std::string>(
+             "--memory",
+             [&device](const std::string& text) {
+               try {
+                 device.memory_ceiling = memory_size(text);
+               } catch (const InputError& error) {
+                 const std::string reason = error.what();
+                 throw CLI::ValidationError(reason.substr(0, reason.size() - 1));  // main() ends the sentence
+               }
+             },
+             "most memory for buffers on the device, such as 512M or 2G: fewer rays go together, and what cannot fit is "
+             "refused. On a CPU device this is memory of the process, beside which the program, the driver with "
+             "its compiler, the template's samples and the pictures take 200M to 450M (default: as much as the presets want)")
+      ->type_name("SIZE");
 }
 
 RenderSettings QualityOptions::settings(const Avatar& avatar) const {

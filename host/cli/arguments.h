@@ -14,8 +14,15 @@ class App;
 
 namespace arah {
 
-// "--device NAME" into device.wanted, ahead of ARAH_DEVICE. device: DeviceOptions::from_environment().
+// "--device NAME" into device.wanted, ahead of ARAH_DEVICE; the device's compiling is shown (shader_progress.h).
+// device: DeviceOptions::from_environment().
 void add_device_option(CLI::App& command, DeviceOptions& device);
+// "--memory SIZE" into device.memory_ceiling.
+void add_memory_option(CLI::App& command, DeviceOptions& device);
+
+// Bytes of a size such as "512M" or "1.5G": a number above 0 and K, M or G, powers of 1024. Throws InputError naming --memory
+// for anything else.
+uint64_t memory_size(const std::string& text);
 
 // "--quality PRESET" and "--set KNOB=VALUE" (host/rendering/render_settings.h).
 struct QualityOptions {

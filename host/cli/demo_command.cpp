@@ -201,6 +201,7 @@ void add_demo_command(CLI::App& program, Run& run) {
       ->capture_default_str();
   command->add_option("--seed", options->synthetic.seed, "of the person and the motion")->capture_default_str();
   add_device_option(*command, options->device);
+  add_memory_option(*command, options->device);
   command->footer("Example: arah demo pictures --minutes 10");
   command->callback([options, &run] { run = [options] { return demo(*options); }; });
 }

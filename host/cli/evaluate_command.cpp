@@ -35,6 +35,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(1, 8192));
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
+  add_memory_option(*command, options->device);
   command->footer(
       "PSNR is taken over the pixels of the posed template's projected box; metrics.json states the protocol.\n"
       "Example: arah evaluate run capture -o evaluation --split novel --every 2");

@@ -8,11 +8,12 @@
 #include "host/cli/command.h"
 #include "host/input_error.h"
 #include "host/version.h"
+#include "kernels/vulkan/device.h"
 
 namespace {
 
 constexpr int kFailed = 1;     // the work failed
-constexpr int kWrongCall = 2;  // the call was wrong: options, files, settings
+constexpr int kWrongCall = 2;  // the call was wrong: options, files, settings, too low a ceiling
 
 // One line on standard error, whatever the text.
 int report(const std::string& text, int code) {
@@ -56,6 +57,8 @@ int main(int argc, char** argv) {
   try {
     return run();
   } catch (const arah::InputError& error) {
+    return report(error.what(), kWrongCall);
+  } catch (const arah::MemoryCeilingError& error) {
     return report(error.what(), kWrongCall);
   } catch (const std::exception& error) {
     return report(error.what(), kFailed);

@@ -9,6 +9,7 @@
 #include "host/cli/arguments.h"
 #include "host/cli/command.h"
 #include "host/cli/progress.h"
+#include "host/cli/shader_progress.h"
 #include "host/evaluation/picture.h"
 #include "host/file_writing.h"
 #include "host/rendering/orbit_camera.h"
@@ -150,7 +151,7 @@ int render(const Options& options) {
     write_file_safely(files[i], layer_png(picture, options.layers[i]));
     progress.say(files[i].string());
   }
-  progress.finish(fmt::format("{} x {} pixels", picture.width, picture.height));
+  progress.finish(fmt::format("{} x {} pixels  {}", picture.width, picture.height, shaders_text(device)));
   return 0;
 }
 
@@ -193,6 +194,7 @@ void add_render_command(CLI::App& program, Run& run) {
       ->capture_default_str();
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
+  add_memory_option(*command, options->device);
   command->footer("Example: arah render run -o turned.png --orbit 90 --layers color,depth,normal");
   command->callback([options, &run] { run = [options] { return render(*options); }; });
 }

@@ -75,6 +75,7 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
   CLI::Option* training = command->add_flag("--training", options->training, "instead of pictures: the time of a training step and how far each approximation moves the gradients")->excludes("--budget")->excludes("--max-error");
   command->add_option("--rays", options->rays, "of a training step (default: as the avatar was trained)")->check(CLI::Range(1, 65536))->needs(training);
   add_device_option(*command, options->device);
+  add_memory_option(*command, options->device);
   command->footer("Example: arah tradeoff run capture -o study --size 256 --budget 200ms --max-error 0.1dB");
   command->callback([options, &run] {
     run = [options] {

@@ -125,6 +125,7 @@ void add_train_command(CLI::App& program, Run& run) {
   command->add_option("--stop-at", options->run.stop_at, "stop at this step as Ctrl-C would, for --resume to go on")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
   add_device_option(*command, options->device);
+  add_memory_option(*command, options->device);
   command->add_flag("--profile", options->device.profile, "time every launch on the device and print the table");
   command->footer(
       "Ctrl-C stops after the current step, with a checkpoint and the avatar (exit code 1).\n"

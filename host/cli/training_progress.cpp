@@ -4,6 +4,8 @@
 
 #include <sstream>
 
+#include "host/cli/shader_progress.h"
+
 namespace arah {
 namespace {
 
@@ -14,6 +16,7 @@ std::string memory_text(const Device& device) {
   std::istringstream table(device.memory_table());
   std::string text =
       fmt::format("memory: {:.1f} MB on the device", static_cast<double>(device.allocated_bytes()) * 1e-6);
+  if (device.memory_ceiling()) text += fmt::format(" of {:.1f}", static_cast<double>(device.memory_ceiling()) * 1e-6);
   std::string line;
   for (int i = 0; i < kMemoryLines && std::getline(table, line); ++i) {
     double megabytes = 0;
@@ -43,7 +46,7 @@ void TrainingProgress::show(const RunEvent& event) {
       fmt::print(stderr, "resumed from {} at step {}\n", event.file.string(), event.step.step);
       break;
     case RunEvent::Kind::ready:
-      fmt::print(stderr, "{}\n", memory_text(device_));
+      fmt::print(stderr, "{}; {}\n", memory_text(device_), event.passes > 1 ? fmt::format("a step's rays in {} passes", event.passes) : "a step's rays together");
       steps_.emplace(fmt::format("train for {}", budget_), 1.0, "", event.fraction);
       break;
     case RunEvent::Kind::step: {
@@ -62,7 +65,7 @@ void TrainingProgress::show(const RunEvent& event) {
 
 void TrainingProgress::finish(const RunResult& result) {
   if (steps_)
-    steps_->finish(fmt::format("{} steps  loss {:.4f}  {}", result.steps, last_.total, result.avatar.string()));
+    steps_->finish(fmt::format("{} steps  loss {:.4f}  {}  {}", result.steps, last_.total, shaders_text(device_), result.avatar.string()));
 }
 
 }  // namespace arah

@@ -41,9 +41,13 @@ BakedDistances::BakedDistances(Device& device, const Avatar& avatar, double cell
   distances_ = Buffer(device, "baked distances", padded_points(node_count(grid_)) * 4ull, BufferPlace::device);
 }
 
+void BakedDistances::make_room_for_points(uint32_t at_a_time) {
+  if (points_.bytes() < padded_points(at_a_time) * 16ull) points_ = Buffer(device_, "baked distances: points asked for", padded_points(at_a_time) * 16ull, BufferPlace::device);
+}
+
 void BakedDistances::evaluate(Commands& commands, Field& field, const BufferSlice& frame, const std::vector<uint32_t>& nodes) {
   const uint32_t room = field.capacity();
-  if (points_.bytes() < padded_points(room) * 16ull) points_ = Buffer(device_, "baked distances: points asked for", padded_points(room) * 16ull, BufferPlace::device);
+  make_room_for_points(room);
   const auto metres = static_cast<float>(avatar_.cube.metres_per_unit());
   for (size_t first = 0; first < nodes.size(); first += room) {
     const auto count = static_cast<uint32_t>(std::min<size_t>(room, nodes.size() - first));

@@ -29,15 +29,19 @@ Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32
   scratch_ = Buffer(device, "weight gradients: partial sums", floats * 4, BufferPlace::device);
 }
 
+void Field::make_room_for_gaps() {
+  if (with_point_.bytes()) return;
+  const uint32_t capacity = distance_tape_->capacity();
+  with_point_ = Buffer(device_, "samples: with a point", capacity * 4ull, BufferPlace::device);
+  with_point_count_ = Buffer(device_, "samples: how many with a point", sizeof(WorkCount), BufferPlace::shared);
+  compaction_ = Buffer(device_, "samples: compaction", compact_blocks(capacity) * 4ull, BufferPlace::device);
+  distances_by_row();
+}
+
 Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows, bool sparse) {
   Rows evaluated{{rows, {}}, {}};
   if (sparse) {
-    if (!with_point_.bytes()) {
-      const uint32_t capacity = distance_tape_->capacity();
-      with_point_ = Buffer(device_, "samples: with a point", capacity * 4ull, BufferPlace::device);
-      with_point_count_ = Buffer(device_, "samples: how many with a point", sizeof(WorkCount), BufferPlace::shared);
-      compaction_ = Buffer(device_, "samples: compaction", compact_blocks(capacity) * 4ull, BufferPlace::device);
-    }
+    make_room_for_gaps();
     CompactArgs found;
     found.rows.range.points = rows;
     found.flagged_points = canonical;

@@ -23,7 +23,12 @@ class Field {
   Matrix record_distances(Commands& commands, const BufferSlice& canonical, uint32_t rows, const DistanceNodes& baked);
   // The same for samples on a surface that lets nothing through: deep inside, whatever the network says.
   Matrix opaque_distances();
+  // The result of the distances that do not come from all rows of the network, or from none; made at its first use.
+  Matrix distances_by_row();
   uint32_t capacity() const { return distance_tape_->capacity(); }
+
+  // Makes the room that sparse distances take; else their first call does.
+  void make_room_for_gaps();
 
   struct Inputs {
     BufferSlice frame;      // FrameConstants
@@ -62,8 +67,6 @@ class Field {
   BufferSlice scratch() { return scratch_.slice(); }
 
  private:
-  Matrix distances_by_row();
-
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t samples_per_ray_;

@@ -36,7 +36,8 @@ struct RenderSettings {
   double least_weight = 0;
   int pixel_step = 1;  // 1 to 16
   bool normals = false;
-  uint64_t memory_bytes = 300'000'000;  // of activations: decides how many rays are rendered at a time
+  // Of activations, about: decides how many rays are rendered at a time, fewer where the device's memory ceiling asks for it.
+  uint64_t memory_bytes = 300'000'000;
 };
 
 // How pictures of an avatar are sampled exactly: 64 samples in the paper's places where it was trained so (`sampling_mode` of

@@ -9,7 +9,9 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "host/body/pose.h"
 #include "host/input_error.h"
+#include "host/rendering/memory_plan.h"
 
 namespace arah {
 namespace {
@@ -51,15 +53,36 @@ Picture enlarged(const Picture& small, int width, int height) {
 }  // namespace
 
 Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings)
-    : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
+    : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), rays_(planned_rays()), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
   if (sampling_.mode == SamplingMode::surface && sampling_.samples < sampling_.around_surface + sampling_.before_surface)
     throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface: around_surface and before_surface together", sampling_.around_surface + sampling_.before_surface), fmt::format("{}", sampling_.samples));
   if (sampling_.mode == SamplingMode::surface_only && sampling_.samples != 1) throw InputError("samples", "", "1 with sampling_mode surface_only", fmt::format("{}", sampling_.samples));
-  if (settings.baked_distances || draws_mesh()) baked_.emplace(device, avatar, settings.bake_cell);
-  const uint32_t rays = rays_at_a_time(avatar.spec, sampling_.samples, settings.memory_bytes);
-  samples_.emplace(device, networks_, rays, sampling_);
+  if (bakes()) baked_.emplace(device, avatar, settings.bake_cell);
+  samples_.emplace(device, networks_, rays_, sampling_);
   if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
-  shaded_.emplace(device, networks_, rays, sampling_.samples, false, settings.normals);
+  shaded_.emplace(device, networks_, rays_, sampling_.samples, false, settings.normals);
+}
+
+uint32_t Renderer::planned_rays() {
+  const uint32_t most = rays_at_a_time(avatar_.spec, sampling_.samples, settings_.memory_bytes);
+  if (!device_.memory_ceiling()) return most;
+  // Of the frames to come, one at a time, with a grid whose nodes all have a root: more than any pose needs.
+  const uint64_t frame_bytes = device_.bytes_of([&] {
+    TemplateOnDevice body(device_, avatar_.body);
+    FrameOnDevice(device_, avatar_, body, rest_pose(avatar_.body.skeleton), sampling_.shell).make_correspondences(device_, sampling_.shell);
+  });
+  return rays_that_fit(device_, "a picture", most, frame_bytes, [&](uint32_t rays) {
+    AvatarNetworks networks(device_, avatar_, false);
+    RaySamples samples(device_, networks, rays, sampling_);
+    ShadedRays shaded(device_, networks, rays, sampling_.samples, false, settings_.normals);
+    if (samples.has_gaps()) shaded.field().make_room_for_gaps();
+    if (samples.opaque()) shaded.field().opaque_distances();
+    if (settings_.baked_distances) shaded.field().distances_by_row();
+    if (!bakes()) return;
+    BakedDistances baked(device_, avatar_, settings_.bake_cell);
+    baked.make_room_for_points(shaded.field().capacity());
+    SurfaceMesh::Scratch mesh(device_, networks);
+  });
 }
 
 Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {

@@ -24,7 +24,8 @@ struct Picture {
 
 class Renderer {
  public:
-  // The avatar's numbers are copied to the device.
+  // The avatar's numbers are copied to the device. Throws MemoryCeilingError where not even 64 rays at a time fit below the
+  // device's memory ceiling.
   Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
 
   // What belongs to the pose or the code alone (the posed template, its grid of roots, baked distances) is kept for the next
@@ -49,7 +50,9 @@ class Renderer {
   }
 
  private:
+  bool bakes() const { return settings_.baked_distances || draws_mesh(); }
   bool draws_mesh() const { return sampling_.mode != SamplingMode::shell && sampling_.surface == SurfaceSource::mesh; }
+  uint32_t planned_rays();
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
   FrameOnDevice& posed(const Pose& pose);
   void bake(FrameOnDevice& frame, std::size_t latent_row);
@@ -60,6 +63,7 @@ class Renderer {
   const Avatar& avatar_;
   RenderSettings settings_;
   SamplingSettings sampling_;
+  uint32_t rays_;  // at a time
   AvatarNetworks networks_;
   TemplateOnDevice body_;
   std::optional<RaySamples> samples_;

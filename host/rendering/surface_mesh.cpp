@@ -19,6 +19,14 @@ constexpr uint32_t vertices_at_a_time = 8192;
 
 }  // namespace
 
+SurfaceMesh::Scratch::Scratch(Device& device, AvatarNetworks& networks) {
+  if (networks.spec().skinning.kind != Skinning::network) return;
+  tape.emplace(device, "surface mesh: skinning", networks.skinning_shape(), vertices_at_a_time, false);
+  points = Buffer(device, "surface mesh: vertices", vertices_at_a_time * 16ull, BufferPlace::device);
+  posed = Buffer(device, "surface mesh: posed vertices", vertices_at_a_time * 16ull, BufferPlace::device);
+  weights = Buffer(device, "surface mesh: weights", uint64_t(vertices_at_a_time) * padded_channels(networks.tree().joints()) * 4, BufferPlace::device);
+}
+
 SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame)
     : avatar_(avatar), mesh_(surface_nets(distances)) {
   even_out(mesh_, [&](const glm::dvec3& p) { return distances.between(p); }, distances.cell, smoothing_rounds);
@@ -29,11 +37,10 @@ SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& net
 }
 
 void SurfaceMesh::take_network_weights(Device& device, Commands& commands, AvatarNetworks& networks, const BufferSlice& frame) {
-  DenseTape tape(device, "surface mesh: skinning", networks.skinning_shape(), vertices_at_a_time, false);
+  Scratch scratch(device, networks);
+  DenseTape& tape = *scratch.tape;
+  Buffer &points = scratch.points, &posed = scratch.posed, &weights = scratch.weights;
   const uint32_t joints = networks.tree().joints(), stride = padded_channels(joints);
-  Buffer points(device, "surface mesh: vertices", vertices_at_a_time * 16ull, BufferPlace::device);
-  Buffer posed(device, "surface mesh: posed vertices", vertices_at_a_time * 16ull, BufferPlace::device);
-  Buffer weights(device, "surface mesh: weights", uint64_t(vertices_at_a_time) * stride * 4, BufferPlace::device);
   for (size_t first = 0; first < mesh_.vertices.size(); first += vertices_at_a_time) {
     const auto count = static_cast<uint32_t>(std::min<size_t>(vertices_at_a_time, mesh_.vertices.size() - first));
     std::vector<std::array<float, 4>> some(padded_points(count), {0, 0, 0, 0});

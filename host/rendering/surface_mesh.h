@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "host/avatar/avatar.h"
@@ -19,6 +20,13 @@ struct SeenSurface {
 
 class SurfaceMesh {
  public:
+  // What taking the network's weights needs for a while.
+  struct Scratch {
+    Scratch(Device& device, AvatarNetworks& networks);
+    std::optional<DenseTape> tape;  // with a skinning network
+    Buffer points, posed, weights;
+  };
+
   // The zero set of the distances, with the weights of the skinning network as it is packed now (or those of the template's
   // nearest vertices, where the avatar follows these). frame: any pose's constants. Submits.
   SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame);

@@ -12,6 +12,7 @@
 
 #include "host/avatar/avatar_file.h"
 #include "host/input_error.h"
+#include "host/rendering/memory_plan.h"
 #include "kernels/compositing/backward.h"
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
@@ -55,48 +56,63 @@ uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSe
 
 }  // namespace
 
+Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
+    : samples(device, networks, pass_rays, settings.sampling),
+      shaded(device, networks, pass_rays, settings.sampling.samples, true, false),
+      eikonal_tape(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
+      sign_tape(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
+  const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
+  if (samples.has_gaps()) shaded.field().make_room_for_gaps();
+  if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, rows, settings.skinning_points);
+  // Where memory is too short for all rays together, it is short for this too.
+  if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
+  auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
+    Buffer buffer(device, std::string("training: ") + what, bytes, place);
+    Commands commands(device);
+    commands.fill(buffer.slice(), 0);
+    commands.submit_and_wait();
+    return buffer;
+  };
+  const ParameterLayout& layout = networks.layout();
+  first_moments = make("first moments", layout.floats * 4);
+  second_moments = make("second moments", layout.floats * 4);
+  averages = make("averaged parameters", layout.floats * 4);
+  grid_sums = make("sums of the grid's gradient", std::max<uint64_t>(layout.group("grid").size() * 4, 256));
+  grid_clamped = make("count of clamped gradients", 4, BufferPlace::shared);
+  losses = make("losses", loss_slots * 4, BufferPlace::shared);
+  targets = make("photographs", padded_points(settings.rays) * 16ull);
+  d_colors = make("gradient of colours", rays * 16ull);
+  partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
+  squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
+  norms = make("norms of gradients", layout.groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
+  scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape.capacity()), networks.sdf().weight_gradient_scratch(sign_tape.capacity()),
+                                                                   skinning ? skinning->scratch_floats() : 64, shaded.field().scratch_floats()}));
+}
+
 Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings)
     : device_(device),
       avatar_(std::move(avatar)),
       settings_(settings),
       commands_(device),
-      networks_(device, avatar_, true),
       images_(device, avatar_, capture, settings.size, settings.sampling.shell),
       template_samples_(draw_template_samples(avatar_, settings.seed)),
-      pass_rays_(rays_of_a_pass(device, avatar_.spec, settings)),
-      samples_(device, networks_, pass_rays_, settings.sampling),
-      shaded_(device, networks_, pass_rays_, settings.sampling.samples, true, false),
-      eikonal_tape_(device, "eikonal points", networks_.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
-      sign_tape_(device, "points inside and outside", networks_.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
-  const uint32_t rays = padded_points(pass_rays_), rows = padded_points(pass_rays_ * settings.sampling.samples);
-  if (avatar_.spec.skinning.kind == Skinning::network) skinning_.emplace(device, networks_, rows, settings.skinning_points);
-  if (with_grids()) grid_finder_.emplace(device, networks_, grid_nodes_at_a_time);
-  auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
-    Buffer buffer(device, std::string("training: ") + what, bytes, place);
-    commands_.fill(buffer.slice(), 0);
-    commands_.submit_and_wait();
-    return buffer;
-  };
-  const uint64_t bytes = networks_.layout().floats * 4;
-  first_moments_ = make("first moments", bytes);
-  second_moments_ = make("second moments", bytes);
-  averages_ = make("averaged parameters", bytes);
-  device.upload(averages_.slice(), avatar_.parameters);
-  const uint64_t grid_floats = networks_.layout().group("grid").size();
-  grid_sums_ = make("sums of the grid's gradient", std::max<uint64_t>(grid_floats * 4, 256));
-  grid_clamped_ = make("count of clamped gradients", 4, BufferPlace::shared);
-  losses_ = make("losses", loss_slots * 4, BufferPlace::shared);
-  targets_ = make("photographs", padded_points(settings.rays) * 16ull);
-  d_colors_ = make("gradient of colours", rays * 16ull);
-  partials_ = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
-  squares_ = make("partial sums of squares", squares_partials(networks_.layout().floats) * sizeof(shared::SquaresPartial));
-  const auto& layout_groups = networks_.layout().groups;
-  norms_ = make("norms of gradients", layout_groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
-  scratch_ = make("partial sums of weight gradients", 4 * std::max({networks_.sdf().weight_gradient_scratch(eikonal_tape_.capacity()), networks_.sdf().weight_gradient_scratch(sign_tape_.capacity()),
-                                                                    skinning_ ? skinning_->scratch_floats() : 64, shaded_.field().scratch_floats()}));
+      pass_rays_(planned_rays()),
+      networks_(device, avatar_, true),
+      room_(device, networks_, settings, pass_rays_) {
+  device.upload(room_.averages.slice(), avatar_.parameters);
   const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
                                                             {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid}};
-  for (const ParameterGroup& group : layout_groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
+  for (const ParameterGroup& group : networks_.layout().groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
+}
+
+uint32_t Trainer::planned_rays() {
+  const auto make = [&](uint32_t rays) {
+    AvatarNetworks networks(device_, avatar_, true);
+    Room(device_, networks, settings_, rays);
+  };
+  // Under a ceiling all frames come first, so that what is left for a pass is known; else each is made when a step asks for it.
+  if (device_.memory_ceiling()) images_.make_frames(with_grids(), device_.bytes_of([&] { make(std::min(settings_.rays, point_padding)); }));
+  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_), 0, make);
 }
 
 void Trainer::solve_correspondences() {
@@ -108,7 +124,7 @@ void Trainer::solve_correspondences() {
     if (&place != images_.places().data() && (&place)[-1].frame == place.frame) continue;
     FrameOnDevice& frame = images_.frame(place.frame);
     if (!frame.correspondences()) frame.make_correspondences(device_, settings_.sampling.shell);
-    frame.correspondences()->solve(commands_, *grid_finder_, frame, settings_.sampling.root);
+    frame.correspondences()->solve(commands_, *room_.grid_finder, frame, settings_.sampling.root);
   }
 }
 
@@ -119,7 +135,7 @@ Trainer::Batch Trainer::draw_batch() {
   // A picture in which no ray meets the shell (the person out of view) has nothing to teach; a few may be met in a row.
   for (int tries = 0;; ++tries) {
     batch.place = images_.places()[below(images_.places().size())];
-    const TrainingImage& image = images_.image(commands_, samples_, batch.place);
+    const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);
     if (image.person.empty() && image.around.empty()) {
       if (tries > 1000) throw InputError("capture", "pictures", "a person in view of the training cameras", "no ray that comes near the posed template", "Check cameras and poses with arah inspect.");
       continue;
@@ -142,71 +158,71 @@ void Trainer::upload_regulariser_points() {
   auto put = [](std::vector<float>& rows, size_t row, const glm::vec3& n) {
     for (int axis = 0; axis < 3; ++axis) rows[row * channel_padding + static_cast<size_t>(axis)] = n[axis];
   };
-  std::vector<float> eikonal(size_t(eikonal_tape_.capacity()) * channel_padding, 0.0f), sign(size_t(sign_tape_.capacity()) * channel_padding, 0.0f);
+  std::vector<float> eikonal(size_t(room_.eikonal_tape.capacity()) * channel_padding, 0.0f), sign(size_t(room_.sign_tape.capacity()) * channel_padding, 0.0f);
   for (uint32_t i = 0; i < settings_.eikonal_points; ++i) {
     const float x = cube(generator), y = cube(generator), z = cube(generator);
     put(eikonal, i, {x, y, z});
   }
   for (uint32_t i = 0; i < settings_.off_surface_points; ++i) put(sign, i, avatar_.cube.to_cube(pick(template_samples_.off_surface)));
   for (uint32_t i = 0; i < settings_.inside_points; ++i) put(sign, padded_points(settings_.off_surface_points) + i, avatar_.cube.to_cube(pick(template_samples_.inside)));
-  device_.upload(eikonal_tape_.input().slice, eikonal);
-  device_.upload(sign_tape_.input().slice, sign);
+  device_.upload(room_.eikonal_tape.input().slice, eikonal);
+  device_.upload(room_.sign_tape.input().slice, sign);
 }
 
 void Trainer::record_regularisers() {
   // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points.
   const PointRange eikonal{settings_.eikonal_points, {}};
-  networks_.sdf().record_forward(commands_, eikonal_tape_, eikonal, true);
-  networks_.sdf().record_gradient(commands_, eikonal_tape_, eikonal, true);
+  networks_.sdf().record_forward(commands_, room_.eikonal_tape, eikonal, true);
+  networks_.sdf().record_gradient(commands_, room_.eikonal_tape, eikonal, true);
   EikonalLossArgs loss;
   loss.points = settings_.eikonal_points;
   loss.normaliser = 2.0f * float(settings_.eikonal_points);
   loss.weight = static_cast<float>(settings_.eikonal_weight);
-  loss.gradients = eikonal_tape_.gradient();
-  loss.d_gradients = eikonal_tape_.gradient_cotangent();
-  loss.losses = losses_.slice();
+  loss.gradients = room_.eikonal_tape.gradient();
+  loss.d_gradients = room_.eikonal_tape.gradient_cotangent();
+  loss.losses = room_.losses.slice();
   loss.slot = eikonal_slot;
-  loss.partials = partials_.slice();
+  loss.partials = room_.partials.slice();
   record_eikonal_loss(commands_, loss);
   Siren::Backward backward;
   backward.gradient = true;
   backward.accumulate = true;
-  backward.scratch = scratch_.slice();
-  networks_.sdf().record_backward(commands_, eikonal_tape_, eikonal, backward);
+  backward.scratch = room_.scratch.slice();
+  networks_.sdf().record_backward(commands_, room_.eikonal_tape, eikonal, backward);
 
   const uint32_t inside_first = padded_points(settings_.off_surface_points);
   const PointRange sign{inside_first + settings_.inside_points, {}};
-  networks_.sdf().record_forward(commands_, sign_tape_, sign, true);
+  networks_.sdf().record_forward(commands_, room_.sign_tape, sign, true);
   auto penalty = [&](SdfPenalty kind, uint32_t first, uint32_t points, double weight, LossSlot slot) {
     SdfPenaltyArgs args;
     args.penalty = kind;
     args.points = points;
     args.normaliser = 2.0f * float(points);
     args.weight = static_cast<float>(weight);
-    args.sdf = sign_tape_.sdf().rows_from(first);
-    args.d_sdf = sign_tape_.sdf_cotangent().rows_from(first);
-    args.losses = losses_.slice();
+    args.sdf = room_.sign_tape.sdf().rows_from(first);
+    args.d_sdf = room_.sign_tape.sdf_cotangent().rows_from(first);
+    args.losses = room_.losses.slice();
     args.slot = slot;
-    args.partials = partials_.slice();
+    args.partials = room_.partials.slice();
     record_sdf_penalty(commands_, args);
   };
   penalty(SdfPenalty::off_surface, 0, settings_.off_surface_points, settings_.off_surface_weight, off_surface_slot);
   penalty(SdfPenalty::inside, inside_first, settings_.inside_points, settings_.inside_weight, inside_slot);
   backward.gradient = false;
-  networks_.sdf().record_backward(commands_, sign_tape_, sign, backward);
+  networks_.sdf().record_backward(commands_, room_.sign_tape, sign, backward);
 }
 
 void Trainer::record_update(Group& group, size_t index) {
   const bool grid = group.name == "grid";
   const uint64_t count = group.end - group.begin;
-  const BufferSlice gradients = grid ? grid_sums_.slice().elements(0, count) : networks_.gradients().elements(group.begin, count);
+  const BufferSlice gradients = grid ? room_.grid_sums.slice().elements(0, count) : networks_.gradients().elements(group.begin, count);
   if (!grid) {
-    record_sum_of_squares(commands_, {gradients, squares_.slice(), 0});
-    record_clip_scale(commands_, {squares_partials(count), squares_.slice(), static_cast<float>(group.settings->max_norm), norms_.slice(), static_cast<uint32_t>(index)});
+    record_sum_of_squares(commands_, {gradients, room_.squares.slice(), 0});
+    record_clip_scale(commands_, {squares_partials(count), room_.squares.slice(), static_cast<float>(group.settings->max_norm), room_.norms.slice(), static_cast<uint32_t>(index)});
   }
   const double factor = rate_factor(*group.settings, settings_, steps_, done_);
   if (factor == 0) {
-    if (grid) commands_.fill(grid_sums_.slice(), 0);
+    if (grid) commands_.fill(room_.grid_sums.slice(), 0);
     return;
   }
   group.updates += 1;
@@ -218,14 +234,14 @@ void Trainer::record_update(Group& group, size_t index) {
   adam.average_decay = std::min(settings_.average_decay, double(1 + group.updates) / double(10 + group.updates));
   adam.parameters = networks_.parameters().elements(group.begin, count);
   adam.gradients = gradients;
-  adam.first_moments = first_moments_.slice().elements(group.begin, count);
-  adam.second_moments = second_moments_.slice().elements(group.begin, count);
-  adam.averages = averages_.slice().elements(group.begin, count);
+  adam.first_moments = room_.first_moments.slice().elements(group.begin, count);
+  adam.second_moments = room_.second_moments.slice().elements(group.begin, count);
+  adam.averages = room_.averages.slice().elements(group.begin, count);
   if (grid) {
     adam.lazy = true;
     adam.gradient_unit = 1.0f / grid_scale(settings_);
   } else {
-    adam.norms = norms_.slice();
+    adam.norms = room_.norms.slice();
     adam.norm_index = static_cast<uint32_t>(index);
   }
   record_adam(commands_, adam);
@@ -233,10 +249,10 @@ void Trainer::record_update(Group& group, size_t index) {
 
 void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first, bool skinning_step) {
   const uint32_t rays = std::min(pass_rays_, settings_.rays - first);
-  samples_.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
-  samples_.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
-  shaded_.record_forward(commands_, frame, samples_, rays, {.least_weight = settings_.least_weight});
-  shaded_samples_ += shaded_.queue().shaded();
+  room_.samples.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
+  room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
+  room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight});
+  shaded_samples_ += room_.shaded.queue().shaded();
 
   // Losses and the way back.
   commands_.stage("losses");
@@ -245,36 +261,36 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first,
   image.normaliser = float(settings_.rays);
   image.color_weight = static_cast<float>(settings_.color_weight);
   image.alpha_weight = static_cast<float>(settings_.alpha_weight);
-  image.colors = shaded_.colors();
-  image.targets = targets_.slice().sub(first * 16ull, padded_points(rays) * 16ull);
-  image.d_colors = d_colors_.slice();
-  image.losses = losses_.slice();
+  image.colors = room_.shaded.colors();
+  image.targets = room_.targets.slice().sub(first * 16ull, padded_points(rays) * 16ull);
+  image.d_colors = room_.d_colors.slice();
+  image.losses = room_.losses.slice();
   image.slot = color_slot;
-  image.partials = partials_.slice();
+  image.partials = room_.partials.slice();
   record_image_loss(commands_, image);
   commands_.stage("compositing backward");
-  Field& field = shaded_.field();
+  Field& field = room_.shaded.field();
   CompositeBackwardArgs back;
-  back.samples = shaded_.composited();
-  back.transmittances = shaded_.transmittances();
-  back.colors = shaded_.colors();
-  back.d_colors = d_colors_.slice();
+  back.samples = room_.shaded.composited();
+  back.transmittances = room_.shaded.transmittances();
+  back.colors = room_.shaded.colors();
+  back.d_colors = room_.d_colors.slice();
   back.d_sdf = field.d_sdf();
   back.d_rgb = field.d_rgb();
   back.gradients = networks_.gradients();
-  back.partials = partials_.slice();
-  field.record_clear_cotangents(commands_, shaded_.queue().shaded());
+  back.partials = room_.partials.slice();
+  field.record_clear_cotangents(commands_, room_.shaded.queue().shaded());
   record_composite_backward(commands_, back);
   commands_.stage("shading backward");
   Field::Backward field_back;
   field_back.accumulate = first > 0;
   field_back.position = skinning_step;
   field_back.grid_scale = grid_scale(settings_);
-  field_back.grid_sums = grid_sums_.slice();
-  field_back.grid_clamped = grid_clamped_.slice();
-  field.record_backward(commands_, shaded_.inputs(), field_back);
+  field_back.grid_sums = room_.grid_sums.slice();
+  field_back.grid_clamped = room_.grid_clamped.slice();
+  field.record_backward(commands_, room_.shaded.inputs(), field_back);
   commands_.stage("skinning backward");
-  if (skinning_step) skinning_->record_from_positions(commands_, frame, shaded_.inputs().rows, shaded_.inputs().canonical, field.position_gradient(), first > 0, scratch_.slice());
+  if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), first > 0, room_.scratch.slice());
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
@@ -282,40 +298,40 @@ StepReport Trainer::step(uint64_t steps_left) {
   const Batch batch = draw_batch();
   FrameOnDevice& frame = images_.frame(batch.place.frame);
   const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
-  device_.upload(targets_.slice(), batch.targets);
+  device_.upload(room_.targets.slice(), batch.targets);
   upload_regulariser_points();
-  const bool skinning_step = skinning_ && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
+  const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
     std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
-    skinning_->set_surface(template_samples_.surface, generator);
+    room_.skinning->set_surface(template_samples_.surface, generator);
   }
 
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
-  commands_.fill(losses_.slice(), 0);
+  commands_.fill(room_.losses.slice(), 0);
   commands_.stage("weights");
   networks_.record_pack(commands_, row);
-  samples_.root_finder().reset_counts();
+  room_.samples.root_finder().reset_counts();
   shaded_samples_ = 0;
-  samples_.set_half_width(half_width(settings_, steps_));
+  room_.samples.set_half_width(half_width(settings_, steps_));
   for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, first, skinning_step);
   commands_.stage("regularisers");
   record_regularisers();
-  if (skinning_step) skinning_->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, losses_.slice(), skinning_slot, scratch_.slice());
+  if (skinning_step) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
   commands_.stage("weights");
-  networks_.record_unpack(commands_, row, {true, skinning_step, true}, scratch_.slice());
+  networks_.record_unpack(commands_, row, {true, skinning_step, true}, room_.scratch.slice());
   commands_.stage("optimiser");
   for (size_t g = 0; g < groups_.size(); ++g)
     if (groups_[g].begin < groups_[g].end && (groups_[g].name != "skinning" || skinning_step)) record_update(groups_[g], g);
   commands_.submit_and_wait();
 
   // A group whose gradient is not finite was left alone by Adam; training must not go on as if nothing were.
-  const auto norms = device_.download<shared::GradientNorm>(norms_.slice().sub(0, groups_.size() * sizeof(shared::GradientNorm)));
+  const auto norms = device_.download<shared::GradientNorm>(room_.norms.slice().sub(0, groups_.size() * sizeof(shared::GradientNorm)));
   for (size_t g = 0; g < groups_.size(); ++g)
     if (norms[g].nonfinite)
       throw std::runtime_error(fmt::format("training step {}: {} numbers of the gradient of '{}' are NaN or infinite", steps_ + 1, norms[g].nonfinite, groups_[g].name));
 
-  const auto losses = device_.download<float>(losses_.slice().elements(0, loss_slots));
+  const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
   StepReport report;
   report.color = losses[color_slot], report.alpha = losses[alpha_slot], report.eikonal = losses[eikonal_slot];
   report.off_surface = losses[off_surface_slot], report.inside = losses[inside_slot];
@@ -324,10 +340,10 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.total = settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
                  settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning;
   report.sdf_norm = norms[0].norm;
-  const RootFindingCounts counts = samples_.root_finder().counts();
-  report.shaded = double(shaded_samples_) / double(samples_.rows(settings_.rays));
+  const RootFindingCounts counts = room_.samples.root_finder().counts();
+  report.shaded = double(shaded_samples_) / double(room_.samples.rows(settings_.rays));
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
-  device_.download(grid_clamped_.slice().elements(0, 1), &report.grid_clamped, 4);
+  device_.download(room_.grid_clamped.slice().elements(0, 1), &report.grid_clamped, 4);
   float b = 0;
   device_.download(networks_.parameter("b").elements(0, 1), &b, 4);
   report.b = std::abs(b);
@@ -339,7 +355,7 @@ StepReport Trainer::step(uint64_t steps_left) {
 
 Avatar Trainer::avatar() {
   Avatar result = avatar_;
-  result.parameters = device_.download<float>((settings_.average_decay > 0 ? averages_.slice() : networks_.parameters()).elements(0, networks_.layout().floats));
+  result.parameters = device_.download<float>((settings_.average_decay > 0 ? room_.averages.slice() : networks_.parameters()).elements(0, networks_.layout().floats));
   // Kernels read |b| clipped to [1e-6, 1e6] metres, so training may let b change its sign; an avatar holds it above 0.
   float& b = result.tensor("b")[0];
   b = std::max(std::abs(b), 1e-6f);
@@ -354,9 +370,9 @@ SafetensorsFile Trainer::checkpoint() {
   const auto floats = static_cast<int64_t>(networks_.layout().floats);
   auto put = [&](const char* name, const BufferSlice& slice) { file.tensors[name] = Tensor::from<float>({floats}, device_.download<float>(slice.elements(0, networks_.layout().floats))); };
   put("optimizer.parameters", networks_.parameters());
-  put("optimizer.averages", averages_.slice());
-  put("optimizer.first_moments", first_moments_.slice());
-  put("optimizer.second_moments", second_moments_.slice());
+  put("optimizer.averages", room_.averages.slice());
+  put("optimizer.first_moments", room_.first_moments.slice());
+  put("optimizer.second_moments", room_.second_moments.slice());
   std::vector<int64_t> updates;
   for (const Group& group : groups_) updates.push_back(static_cast<int64_t>(group.updates));
   file.tensors["optimizer.updates"] = Tensor::from<int64_t>({static_cast<int64_t>(updates.size())}, updates);
@@ -372,9 +388,9 @@ void Trainer::resume(const SafetensorsFile& file) {
   const auto floats = static_cast<int64_t>(networks_.layout().floats);
   auto take = [&](const char* name, const BufferSlice& slice) { device_.upload(slice, file.values<float>(name, {floats})); };
   take("optimizer.parameters", networks_.parameters());
-  take("optimizer.averages", averages_.slice());
-  take("optimizer.first_moments", first_moments_.slice());
-  take("optimizer.second_moments", second_moments_.slice());
+  take("optimizer.averages", room_.averages.slice());
+  take("optimizer.first_moments", room_.first_moments.slice());
+  take("optimizer.second_moments", room_.second_moments.slice());
   const auto updates = file.values<int64_t>("optimizer.updates", {static_cast<int64_t>(groups_.size())});
   for (size_t g = 0; g < groups_.size(); ++g) groups_[g].updates = static_cast<uint64_t>(updates[g]);
   done_ = file.values<double>("training.done", {})[0];

@@ -33,10 +33,13 @@ struct StepReport {
 class Trainer {
  public:
   // avatar: untrained, or fitted to its template, or the one that `resume` continues. The capture must outlive the trainer.
+  // Rays that do not fit below the device's memory ceiling together go in several passes, whose gradients add up: the last bits
+  // of a training depend on how many. Throws MemoryCeilingError where not even passes of 64 rays fit.
   Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings);
 
   const TrainingSettings& settings() const { return settings_; }
   uint64_t steps_done() const { return steps_; }
+  uint32_t passes() const { return (settings_.rays + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other
   double done() const { return done_; }
 
   // One step. steps_left: how many are still to come, this one included: the schedule's position moves from where it is
@@ -63,9 +66,25 @@ class Trainer {
     std::vector<uint32_t> pixels;
     std::vector<std::array<float, 4>> targets;
   };
-  bool with_grids() const { return avatar_.spec.skinning.kind == Skinning::network && settings_.sampling.root.correspondence != Correspondence::search; }
+  // What a step works in beside the networks, for so many rays of a pass.
+  struct Room {
+    Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays);
+    RaySamples samples;
+    ShadedRays shaded;
+    SirenTape eikonal_tape, sign_tape;
+    std::optional<SkinningGradient> skinning;
+    std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
+    Buffer first_moments, second_moments, averages;     // of the parameters
+    Buffer grid_sums, grid_clamped, squares, norms;     // of the gradients
+    Buffer losses, targets, d_colors, partials, scratch;
+  };
+  bool with_grids() const { return with_grids(avatar_.spec, settings_); }
+  static bool with_grids(const AvatarSpec& spec, const TrainingSettings& settings) {
+    return spec.skinning.kind == Skinning::network && settings.sampling.root.correspondence != Correspondence::search;
+  }
   // Searches the roots at the nodes of all frames' grids, where the settings want them, and notes with which parameters.
   void solve_correspondences();
+  uint32_t planned_rays();
   Batch draw_batch();
   void upload_regulariser_points();
   // Losses and gradients of at most pass_rays_ of the batch's rays, from `first` on: losses and raw gradients +=, effective
@@ -78,17 +97,12 @@ class Trainer {
   Avatar avatar_;
   TrainingSettings settings_;
   Commands commands_;
-  AvatarNetworks networks_;
   TrainingImages images_;
   TemplateSamples template_samples_;
   uint32_t pass_rays_;
-  RaySamples samples_;
-  ShadedRays shaded_;
-  SirenTape eikonal_tape_, sign_tape_;
-  std::optional<SkinningGradient> skinning_;
-  Buffer first_moments_, second_moments_, averages_, grid_sums_, grid_clamped_, losses_, targets_, d_colors_, partials_, squares_, norms_, scratch_;
+  AvatarNetworks networks_;
+  Room room_;
   std::vector<Group> groups_;
-  std::optional<PointRootFinder> grid_finder_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t steps_ = 0;

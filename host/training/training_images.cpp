@@ -1,6 +1,7 @@
 #include "host/training/training_images.h"
 
 #include <algorithm>
+#include <set>
 
 #include "host/input_error.h"
 
@@ -27,6 +28,18 @@ FrameOnDevice& TrainingImages::frame(size_t frame) {
   std::unique_ptr<FrameOnDevice>& slot = frames_[frame];
   if (!slot) slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, motion_of(capture_, "train").frames[frame].pose, shell_);
   return *slot;
+}
+
+void TrainingImages::make_frames(bool correspondences, uint64_t besides) {
+  std::set<size_t> wanted;
+  for (const Place& place : places_) wanted.insert(place.frame);
+  for (const size_t number : wanted) {
+    FrameOnDevice& made = frame(number);
+    if (correspondences && !made.correspondences()) made.make_correspondences(device_, shell_);
+    const uint64_t rest = made.bytes() * (wanted.size() - 1) + besides;
+    if (number == *wanted.begin() && device_.memory_ceiling() && device_.allocated_bytes() + rest > device_.memory_ceiling())
+      throw device_.beyond_ceiling(fmt::format("training on {} frames of {:.1f} MB", wanted.size(), 1e-6 * static_cast<double>(made.bytes())), rest);
+  }
 }
 
 const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finder, const Place& place) {

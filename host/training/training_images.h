@@ -36,6 +36,9 @@ class TrainingImages {
 
   const std::vector<Place>& places() const { return places_; }  // every training picture, by frame, then by camera
   FrameOnDevice& frame(size_t frame);
+  // All frames that have a picture, with room for their correspondences where wanted. Throws MemoryCeilingError where the
+  // device's ceiling leaves too little for them, all as large as the first, and for `besides` bytes.
+  void make_frames(bool correspondences, uint64_t besides);
   // `finder` lends its ray buffers for the test of which rays enter the shell. Submits where the picture is new.
   const TrainingImage& image(Commands& commands, RaySamples& finder, const Place& place);
   const Camera& camera(size_t index) const { return cameras_[index]; }

@@ -139,6 +139,7 @@ class TrainingRun {
   RunResult fresh() {
     check_pictures();
     Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
+    if (device_.memory_ceiling()) Trainer(device_, capture_, avatar, settings_);  // too low a ceiling is refused before the fit
     RunEvent event;
     try {
       event.fit = fit_template(device_, avatar, settings_, [&](double fraction) {
@@ -200,6 +201,8 @@ class TrainingRun {
     RunEvent ready;
     ready.kind = RunEvent::Kind::ready;
     ready.fraction = fraction(trainer);
+    ready.passes = trainer.passes();
+    log({{"event", "ready"}, {"memory", device_.allocated_bytes()}, {"memory_ceiling", device_.memory_ceiling()}, {"passes", ready.passes}});
     tell(ready);
     double saved_at = seconds(), logged_at = -kLogInterval;
     StepReport last;
@@ -230,6 +233,9 @@ class TrainingRun {
     save(trainer);
     ordered_json end{{"event", "end"}, {"step", trainer.steps_done()}, {"stopped", stopped}};
     if (stepped_) end["total"] = last.total;
+    end["most_memory"] = device_.most_allocated_bytes();
+    end["shaders"] = device_.pipelines_made();
+    end["shader_seconds"] = std::round(1000 * device_.pipeline_seconds()) / 1000;
     log(std::move(end));
     return {stopped, trainer.steps_done(), seconds(), folder_.avatar_file()};
   }

@@ -25,7 +25,7 @@ struct RunEvent {
     fitting,     // the template fit goes on: `fraction` of it
     fitted,      // `fit`
     resumed,     // from `file`, at `step.step`
-    ready,       // the trainer stands, with all of its memory
+    ready,       // the trainer stands, with its memory; a step's rays go in `passes`
     step,        // `step`
     checkpoint,  // `file`
   };
@@ -33,6 +33,7 @@ struct RunEvent {
   double fraction = 0;          // done, 0..1: of the fit, else of the training
   double seconds = 0;           // of training, earlier calls included
   double seconds_per_step = 0;  // 0: not known yet
+  uint32_t passes = 1;
   StepReport step;
   TemplateFit fit;
   std::filesystem::path file;

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <stdexcept>
 #include <utility>
 
@@ -48,6 +49,11 @@ Buffer::Buffer(Device& device, std::string name, uint64_t bytes, BufferPlace pla
                                           name_, double(bytes_) * 1e-6, offer, double(s.allocated_bytes) * 1e-6));
   };
   if (bytes_ > limit) throw too_large(fmt::format("the device allows {:.1f} MB in one piece", double(limit) * 1e-6));
+  if (s.planning) {
+    s.planned_bytes += bytes_;
+    return;
+  }
+  if (s.memory_ceiling && s.allocated_bytes + bytes_ > s.memory_ceiling) throw device.beyond_ceiling("buffer '" + name_ + "'", bytes_);
 
   VkBufferCreateInfo info{VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO};
   info.size = bytes_;
@@ -76,6 +82,7 @@ Buffer::Buffer(Device& device, std::string name, uint64_t bytes, BufferPlace pla
   address_ = vkGetBufferDeviceAddress(s.device, &address);
   s.buffers[this] = {name_, bytes_};
   s.allocated_bytes += bytes_;
+  s.most_allocated_bytes = std::max(s.most_allocated_bytes, s.allocated_bytes);
 }
 
 Buffer::~Buffer() {

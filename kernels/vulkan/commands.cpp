@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <functional>
 #include <stdexcept>
 
 #include "kernels/vulkan/device_state.h"
@@ -13,10 +14,22 @@ constexpr uint32_t launches_per_pool = 2048;  // two timestamps each, and where 
 
 struct Commands::State {
   VkCommandPool pool = VK_NULL_HANDLE;
-  VkCommandBuffer buffer = VK_NULL_HANDLE;
+  VkCommandBuffer buffer = VK_NULL_HANDLE, compiling = VK_NULL_HANDLE;
   VkFence fence = VK_NULL_HANDLE;
   bool recording = false;
   bool anything_written = false;
+
+  // What was recorded, kept until it is submitted: meanwhile the pipelines of a batch are made side by side.
+  struct Recorded {
+    Launch launch;  // without a pipeline: `encode` alone
+    std::vector<std::byte> push_constants;
+    std::vector<VkDescriptorBufferInfo> buffers;
+    std::vector<VkBufferView> views;
+    std::vector<VkWriteDescriptorSet> writes;
+    std::function<void(VkCommandBuffer)> encode;  // after binding, where there is a pipeline
+  };
+  static_assert(std::is_nothrow_move_constructible_v<Recorded>, "the descriptor writes point into the other vectors");
+  std::vector<Recorded> recorded;
 
   std::string stage;
 
@@ -40,7 +53,7 @@ Commands::Commands(Device& device) : device_(device), state_(std::make_unique<St
   allocation.commandPool = state_->pool;
   allocation.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
   allocation.commandBufferCount = 1;
-  check(vkAllocateCommandBuffers(s.device, &allocation, &state_->buffer), "command buffer");
+  for (VkCommandBuffer* buffer : {&state_->buffer, &state_->compiling}) check(vkAllocateCommandBuffers(s.device, &allocation, buffer), "command buffer");
   const VkFenceCreateInfo fence{VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
   check(vkCreateFence(s.device, &fence, nullptr, &state_->fence), "fence");
 }
@@ -57,27 +70,44 @@ Commands::~Commands() {
 // (submission itself makes host writes visible).
 void Commands::barrier(uint32_t next_stage_is_transfer) {
   State& s = *state_;
-  if (!s.recording) {
-    const VkCommandBufferBeginInfo begin{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO, nullptr, VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT, nullptr};
-    check(vkBeginCommandBuffer(s.buffer, &begin), "recording commands");
-    s.recording = true;
-  }
+  s.recording = true;
   if (s.anything_written) {
-    const VkPipelineStageFlags all = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
-    VkMemoryBarrier memory{VK_STRUCTURE_TYPE_MEMORY_BARRIER};
-    memory.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
-    memory.dstAccessMask = next_stage_is_transfer ? VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT
-                                                  : VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_UNIFORM_READ_BIT | VK_ACCESS_INDIRECT_COMMAND_READ_BIT;
-    vkCmdPipelineBarrier(s.buffer, all, next_stage_is_transfer ? VK_PIPELINE_STAGE_TRANSFER_BIT : VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT, 0, 1,
-                         &memory, 0, nullptr, 0, nullptr);
+    const VkAccessFlags next = next_stage_is_transfer ? VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT
+                                                      : VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_UNIFORM_READ_BIT | VK_ACCESS_INDIRECT_COMMAND_READ_BIT;
+    const VkPipelineStageFlags stages = next_stage_is_transfer ? VK_PIPELINE_STAGE_TRANSFER_BIT : VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT;
+    s.recorded.emplace_back().encode = [next, stages](VkCommandBuffer buffer) {
+      const VkMemoryBarrier memory{VK_STRUCTURE_TYPE_MEMORY_BARRIER, nullptr, VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT, next};
+      vkCmdPipelineBarrier(buffer, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT, stages, 0, 1, &memory, 0, nullptr, 0, nullptr);
+    };
   }
   s.anything_written = true;
 }
 
 void Commands::stage(const std::string& name) { state_->stage = name; }
 
+void Commands::bind(VkCommandBuffer buffer, const Launch& launch, const void* descriptor_writes, uint32_t count) const {
+  vkCmdBindPipeline(buffer, VK_PIPELINE_BIND_POINT_COMPUTE, launch.pipeline->handle);
+  device_.state().push_descriptors(buffer, VK_PIPELINE_BIND_POINT_COMPUTE, launch.pipeline->layout, 0, count, static_cast<const VkWriteDescriptorSet*>(descriptor_writes));
+  if (launch.push_constant_bytes) vkCmdPushConstants(buffer, launch.pipeline->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, launch.push_constant_bytes, launch.push_constants);
+}
+
+// Waits for the pipeline, then launches no workgroups: that makes a driver compile which does so at the first launch, and so
+// that time is known.
+void Commands::compile(const Launch& launch, const void* descriptor_writes, uint32_t count) {
+  DeviceState& device = device_.state();
+  const CompilationTimer timer(device, launch.pipeline->name);
+  device.finish(*launch.pipeline);
+  const VkCommandBufferBeginInfo begin{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO, nullptr, VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT, nullptr};
+  check(vkBeginCommandBuffer(state_->compiling, &begin), "recording commands");
+  bind(state_->compiling, launch, descriptor_writes, count);
+  vkCmdDispatch(state_->compiling, 0, 0, 0);
+  run(state_->compiling);
+  launch.pipeline->launched = true;
+}
+
 void Commands::dispatch(const Launch& launch) {
   DeviceState& device = device_.state();
+  if (device.planning) return;
   auto refuse = [&](const std::string& text) { return std::invalid_argument("launch '" + launch.name + "': " + text); };
   if (!launch.pipeline) throw refuse("has no pipeline");
   const ShaderInterface& face = launch.pipeline->interface;
@@ -94,9 +124,10 @@ void Commands::dispatch(const Launch& launch) {
     throw refuse("indirect group counts need 12 bytes at a multiple of 4");
   }
 
-  std::vector<VkDescriptorBufferInfo> infos(face.bindings.size());
-  std::vector<VkBufferView> views(face.bindings.size());
-  std::vector<VkWriteDescriptorSet> writes;
+  State::Recorded recorded;
+  std::vector<VkDescriptorBufferInfo>& infos = recorded.buffers;
+  std::vector<VkBufferView>& views = recorded.views;
+  infos.resize(face.bindings.size()), views.resize(face.bindings.size());
   for (size_t i = 0; i < face.bindings.size(); ++i) {
     const Binding& binding = launch.bindings[i];
     const ShaderBinding& want = face.bindings[i];
@@ -123,7 +154,7 @@ void Commands::dispatch(const Launch& launch) {
       write.descriptorType = want.type == BindingType::storage_texel_buffer ? VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER : VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER;
       write.pTexelBufferView = &views[i];
     }
-    writes.push_back(write);
+    recorded.writes.push_back(write);
   }
 
   State& s = *state_;
@@ -134,11 +165,6 @@ void Commands::dispatch(const Launch& launch) {
     copy(launch.cost_count.sub(0, 4), s.counts[pool].slice().elements(s.timed.size() % launches_per_pool, 1));
   }
   if (launch.after_previous || !s.recording) barrier(0);
-  vkCmdBindPipeline(s.buffer, VK_PIPELINE_BIND_POINT_COMPUTE, launch.pipeline->handle);
-  device.push_descriptors(s.buffer, VK_PIPELINE_BIND_POINT_COMPUTE, launch.pipeline->layout, 0, static_cast<uint32_t>(writes.size()), writes.data());
-  if (launch.push_constant_bytes)
-    vkCmdPushConstants(s.buffer, launch.pipeline->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, launch.push_constant_bytes, launch.push_constants);
-
   VkQueryPool pool = VK_NULL_HANDLE;
   uint32_t query = 0;
   if (device.profiler.enabled) {
@@ -152,45 +178,71 @@ void Commands::dispatch(const Launch& launch) {
       check(vkCreateQueryPool(device.device, &info, nullptr, &s.queries.back()), "query pool");
     }
     pool = s.queries[index / launches_per_pool];
-    if (query == 0) vkCmdResetQueryPool(s.buffer, pool, 0, launches_per_pool * 2);
-    vkCmdWriteTimestamp(s.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool, query);
     s.timed.push_back({launch.name, launch.pipeline->name, s.stage, launch.cost, counted ? launch.cost_groups : 0});
   }
-  if (launch.indirect.empty()) vkCmdDispatch(s.buffer, launch.groups[0], launch.groups[1], launch.groups[2]);
-  else vkCmdDispatchIndirect(s.buffer, launch.indirect.buffer->handle(), launch.indirect.offset);
-  if (pool) vkCmdWriteTimestamp(s.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool, query + 1);
+  recorded.encode = [pool, query, groups = launch.groups, indirect = launch.indirect.empty() ? VK_NULL_HANDLE : launch.indirect.buffer->handle(), offset = launch.indirect.offset](VkCommandBuffer buffer) {
+    if (pool && query == 0) vkCmdResetQueryPool(buffer, pool, 0, launches_per_pool * 2);
+    if (pool) vkCmdWriteTimestamp(buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool, query);
+    if (indirect) vkCmdDispatchIndirect(buffer, indirect, offset);
+    else vkCmdDispatch(buffer, groups[0], groups[1], groups[2]);
+    if (pool) vkCmdWriteTimestamp(buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool, query + 1);
+  };
+  const auto* constants = static_cast<const std::byte*>(launch.push_constants);
+  if (launch.push_constant_bytes) recorded.push_constants.assign(constants, constants + launch.push_constant_bytes);
+  recorded.launch.pipeline = launch.pipeline;
+  recorded.launch.push_constants = recorded.push_constants.data();
+  recorded.launch.push_constant_bytes = launch.push_constant_bytes;
+  s.recorded.push_back(std::move(recorded));  // the vectors keep their places, which the writes point to
 }
 
 void Commands::fill(const BufferSlice& slice, uint32_t word) {
-  if (slice.empty()) return;
+  if (slice.empty() || device_.state().planning) return;
   barrier(1);
-  vkCmdFillBuffer(state_->buffer, slice.buffer->handle(), slice.offset, slice.bytes, word);
+  state_->recorded.emplace_back().encode = [handle = slice.buffer->handle(), offset = slice.offset, bytes = slice.bytes, word](VkCommandBuffer buffer) { vkCmdFillBuffer(buffer, handle, offset, bytes, word); };
 }
 
 void Commands::copy(const BufferSlice& from, const BufferSlice& to) {
   if (from.bytes != to.bytes) throw std::invalid_argument(fmt::format("copy of {} bytes of '{}' to {} bytes of '{}'", from.bytes, from.buffer->name(), to.bytes, to.buffer->name()));
+  if (device_.state().planning) return;
   barrier(1);
-  const VkBufferCopy region{from.offset, to.offset, from.bytes};
-  vkCmdCopyBuffer(state_->buffer, from.buffer->handle(), to.buffer->handle(), 1, &region);
+  state_->recorded.emplace_back().encode = [source = from.buffer->handle(), target = to.buffer->handle(), region = VkBufferCopy{from.offset, to.offset, from.bytes}](VkCommandBuffer buffer) {
+    vkCmdCopyBuffer(buffer, source, target, 1, &region);
+  };
+}
+
+// Ends the recording of `buffer`, runs it and waits for it.
+void Commands::run(VkCommandBuffer buffer) {
+  DeviceState& device = device_.state();
+  check(vkEndCommandBuffer(buffer), "recording commands");
+  VkSubmitInfo submit{VK_STRUCTURE_TYPE_SUBMIT_INFO};
+  submit.commandBufferCount = 1;
+  submit.pCommandBuffers = &buffer;
+  check(vkQueueSubmit(device.queue, 1, &submit, state_->fence), "submitting work to " + device.report.name);
+  check(vkWaitForFences(device.device, 1, &state_->fence, VK_TRUE, UINT64_MAX), "waiting for " + device.report.name);
+  check(vkResetFences(device.device, 1, &state_->fence), "fence");
 }
 
 void Commands::submit_and_wait() {
   State& s = *state_;
   if (!s.recording) return;
   DeviceState& device = device_.state();
+  const std::vector<State::Recorded> recorded = std::move(s.recorded);
+  s.recorded.clear();
+  for (const State::Recorded& work : recorded)
+    if (work.launch.pipeline && !work.launch.pipeline->launched) compile(work.launch, work.writes.data(), static_cast<uint32_t>(work.writes.size()));
+  const VkCommandBufferBeginInfo begin{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO, nullptr, VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT, nullptr};
+  check(vkBeginCommandBuffer(s.buffer, &begin), "recording commands");
+  for (const State::Recorded& work : recorded) {
+    if (work.launch.pipeline) bind(s.buffer, work.launch, work.writes.data(), static_cast<uint32_t>(work.writes.size()));
+    work.encode(s.buffer);
+  }
   VkMemoryBarrier memory{VK_STRUCTURE_TYPE_MEMORY_BARRIER};
   memory.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
   memory.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
   vkCmdPipelineBarrier(s.buffer, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &memory, 0, nullptr, 0, nullptr);
-  check(vkEndCommandBuffer(s.buffer), "recording commands");
   s.recording = false;
   s.anything_written = false;
-  VkSubmitInfo submit{VK_STRUCTURE_TYPE_SUBMIT_INFO};
-  submit.commandBufferCount = 1;
-  submit.pCommandBuffers = &s.buffer;
-  check(vkQueueSubmit(device.queue, 1, &submit, s.fence), "submitting work to " + device.report.name);
-  check(vkWaitForFences(device.device, 1, &s.fence, VK_TRUE, UINT64_MAX), "waiting for " + device.report.name);
-  check(vkResetFences(device.device, 1, &s.fence), "fence");
+  run(s.buffer);
 
   for (size_t first = 0; first < s.timed.size(); first += launches_per_pool) {
     const uint32_t count = static_cast<uint32_t>(std::min<size_t>(launches_per_pool, s.timed.size() - first));

@@ -9,6 +9,8 @@
 
 #include "kernels/vulkan/device.h"
 
+struct VkCommandBuffer_T;
+
 namespace arah {
 
 // One argument of a launch. required_bytes: what the kernel will touch; a shorter slice is refused with both values.
@@ -61,6 +63,9 @@ class Commands {
  private:
   struct State;
   void barrier(uint32_t next_stage_is_transfer);
+  void bind(VkCommandBuffer_T* buffer, const Launch& launch, const void* descriptor_writes, uint32_t count) const;
+  void run(VkCommandBuffer_T* buffer);
+  void compile(const Launch& launch, const void* descriptor_writes, uint32_t count);
   Device& device_;
   std::unique_ptr<State> state_;
 };

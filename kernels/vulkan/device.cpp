@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <stdexcept>
@@ -64,6 +63,9 @@ SurveyedDevice choose(VkInstance instance, const std::string& wanted) {
   return **std::min_element(fit.begin(), fit.end(), [](const auto* a, const auto* b) { return preference(a->report.type) < preference(b->report.type); });
 }
 
+// In units of 1024 as --memory takes them: "12.5M".
+std::string size_text(uint64_t bytes) { return fmt::format("{:.1f}M", double(bytes) / (1 << 20)); }
+
 }  // namespace
 
 VkInstance make_instance(bool validation) {
@@ -109,6 +111,8 @@ Device::Device(const DeviceOptions& options) : state_(std::make_unique<DeviceSta
   s.physical = chosen.handle;
   s.report = chosen.report;
   s.profiler.enabled = options.profile && s.report.timestamp_period_ns > 0;
+  s.memory_ceiling = options.memory_ceiling;
+  s.compiling = options.compiling;
   s.host_memory_is_device_memory = s.report.type == DeviceType::cpu || s.report.type == DeviceType::integrated_gpu;
   vkGetPhysicalDeviceMemoryProperties(s.physical, &s.memory);
 
@@ -141,9 +145,56 @@ Device::Device(const DeviceOptions& options) : state_(std::make_unique<DeviceSta
   check(vkCreatePipelineCache(s.device, &cache, nullptr, &s.pipeline_cache), "making the pipeline cache");
 }
 
+PipelineMakers::~PipelineMakers() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  wake_.notify_all();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+std::future<VkPipeline> PipelineMakers::begin(std::function<VkPipeline()> make) {
+  const std::lock_guard lock(mutex_);
+  waiting_.emplace_back(std::move(make));
+  if (threads_.size() < std::clamp(std::thread::hardware_concurrency(), 1u, 8u)) threads_.emplace_back([this] { work(); });
+  wake_.notify_one();
+  return waiting_.back().get_future();
+}
+
+void PipelineMakers::work() {
+  for (;;) {
+    std::packaged_task<VkPipeline()> task;
+    {
+      std::unique_lock lock(mutex_);
+      wake_.wait(lock, [this] { return stopping_ || !waiting_.empty(); });
+      if (stopping_) return;
+      task = std::move(waiting_.front());
+      waiting_.pop_front();
+    }
+    task();
+  }
+}
+
+void DeviceState::finish(const Pipeline& pipeline) {
+  const auto found = making.find(&pipeline);
+  if (found == making.end()) return;
+  const auto owned = std::find_if(pipelines.begin(), pipelines.end(), [&](const auto& entry) { return entry.second.get() == &pipeline; });
+  std::future<VkPipeline> handle = std::move(found->second);
+  making.erase(found);
+  owned->second->handle = handle.get();
+}
+
 Device::~Device() {
   DeviceState& s = *state_;
   s.staging.reset();
+  s.makers.reset();
+  for (auto& [key, pipeline] : s.pipelines) {
+    try {
+      s.finish(*pipeline);
+    } catch (const std::exception&) {  // not begun, or refused by the driver: there is no handle
+    }
+  }
   if (s.device) vkDeviceWaitIdle(s.device);
   for (auto& [key, pipeline] : s.pipelines) {
     vkDestroyPipeline(s.device, pipeline->handle, nullptr);
@@ -162,6 +213,8 @@ Device::~Device() {
 const DeviceReport& Device::report() const { return state_->report; }
 Profiler& Device::profiler() { return state_->profiler; }
 uint64_t Device::allocated_bytes() const { return state_->allocated_bytes; }
+uint64_t Device::most_allocated_bytes() const { return state_->most_allocated_bytes; }
+uint64_t Device::memory_ceiling() const { return state_->memory_ceiling; }
 uint64_t Device::pipelines_made() const { return state_->pipelines.size(); }
 double Device::pipeline_seconds() const { return state_->pipeline_seconds; }
 
@@ -179,6 +232,42 @@ std::string Device::memory_table() const {
   return text + fmt::format("{:>12.3f} MB  in all\n", double(state_->allocated_bytes) * 1e-6);
 }
 
+uint64_t Device::bytes_of(const std::function<void()>& make) {
+  struct Planning {
+    DeviceState& state;
+    explicit Planning(DeviceState& s) : state(s) { state.planning = true, state.planned_bytes = 0; }
+    ~Planning() { state.planning = false; }
+  } planning(*state_);
+  make();
+  return state_->planned_bytes;
+}
+
+MemoryCeilingError Device::beyond_ceiling(const std::string& what, uint64_t needed) const {
+  const DeviceState& s = *state_;
+  // By what stands before the colon of a buffer's name.
+  std::map<std::string, uint64_t> parts;
+  for (const auto& [buffer, entry] : s.buffers) parts[entry.first.substr(0, entry.first.find(':'))] += entry.second;
+  std::vector<std::pair<uint64_t, std::string>> largest;
+  for (const auto& [name, bytes] : parts) largest.emplace_back(bytes, name);
+  std::sort(largest.rbegin(), largest.rend());
+  constexpr size_t named = 4;
+  std::string holders;
+  for (size_t i = 0; i < std::min(named, largest.size()); ++i) holders += fmt::format("{}{} {}", i ? ", " : ": ", size_text(largest[i].first), largest[i].second);
+  if (largest.size() > named) holders += " and others";
+  return MemoryCeilingError(fmt::format("{}: asks for {}, the memory ceiling is {}, of which {} are held{}. A ceiling of {}M would do for this: give --memory that much or more.", what, size_text(needed),
+                                        size_text(s.memory_ceiling), size_text(s.allocated_bytes), holders, (s.allocated_bytes + needed + (1 << 20) - 1) >> 20));
+}
+
+CompilationTimer::CompilationTimer(DeviceState& state, const std::string& shader) : state_(state), shader_(shader) {
+  if (state_.compiling) state_.compiling({shader_, false, state_.pipelines.size(), state_.pipelines_launched, state_.pipeline_seconds});
+}
+
+CompilationTimer::~CompilationTimer() {
+  state_.pipeline_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  state_.pipelines_launched += 1;
+  if (state_.compiling) state_.compiling({shader_, true, state_.pipelines.size(), state_.pipelines_launched, state_.pipeline_seconds});
+}
+
 const Pipeline& Device::pipeline(const std::string& shader, const std::vector<uint32_t>& specialization) {
   DeviceState& s = *state_;
   std::unique_ptr<Pipeline>& slot = s.pipelines[{shader, specialization}];
@@ -190,7 +279,6 @@ const Pipeline& Device::pipeline(const std::string& shader, const std::vector<ui
     s.pipelines.erase({shader, specialization});
     throw std::invalid_argument("no shader named '" + shader + "' is embedded in this program");
   }
-  const auto start = std::chrono::steady_clock::now();
   const size_t bytes = static_cast<size_t>(found->end - found->begin);
   std::vector<uint32_t> words(bytes / 4);
   std::memcpy(words.data(), found->begin, bytes);
@@ -224,28 +312,31 @@ const Pipeline& Device::pipeline(const std::string& shader, const std::vector<ui
   layout.pPushConstantRanges = &range;
   check(vkCreatePipelineLayout(s.device, &layout, nullptr, &pipeline->layout), "pipeline layout of " + shader);
 
-  VkShaderModuleCreateInfo module_info{VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO};
-  module_info.codeSize = bytes;
-  module_info.pCode = words.data();
-  VkShaderModule module = VK_NULL_HANDLE;
-  check(vkCreateShaderModule(s.device, &module_info, nullptr, &module), "shader module " + shader);
-  std::vector<VkSpecializationMapEntry> entries;
-  for (uint32_t i = 0; i < specialization.size(); ++i) entries.push_back({i, i * 4, 4});
-  const VkSpecializationInfo special{static_cast<uint32_t>(entries.size()), entries.data(), specialization.size() * 4, specialization.data()};
-  VkComputePipelineCreateInfo info{VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
-  info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO, nullptr, 0, VK_SHADER_STAGE_COMPUTE_BIT, module, "main", &special};
-  info.layout = pipeline->layout;
-  const VkResult result = vkCreateComputePipelines(s.device, s.pipeline_cache, 1, &info, nullptr, &pipeline->handle);
-  vkDestroyShaderModule(s.device, module, nullptr);
-  check(result, "compiling shader " + shader);
-  s.pipeline_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   slot = std::move(pipeline);
+  s.making[slot.get()] = s.makers->begin([device = s.device, cache = s.pipeline_cache, layout = slot->layout, shader, specialization, words = std::move(words)] {
+    VkShaderModuleCreateInfo module_info{VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO};
+    module_info.codeSize = words.size() * 4;
+    module_info.pCode = words.data();
+    VkShaderModule module = VK_NULL_HANDLE;
+    check(vkCreateShaderModule(device, &module_info, nullptr, &module), "shader module " + shader);
+    std::vector<VkSpecializationMapEntry> entries;
+    for (uint32_t i = 0; i < specialization.size(); ++i) entries.push_back({i, i * 4, 4});
+    const VkSpecializationInfo special{static_cast<uint32_t>(entries.size()), entries.data(), specialization.size() * 4, specialization.data()};
+    VkComputePipelineCreateInfo info{VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
+    info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO, nullptr, 0, VK_SHADER_STAGE_COMPUTE_BIT, module, "main", &special};
+    info.layout = layout;
+    VkPipeline handle = VK_NULL_HANDLE;
+    const VkResult result = vkCreateComputePipelines(device, cache, 1, &info, nullptr, &handle);
+    vkDestroyShaderModule(device, module, nullptr);
+    check(result, "compiling shader " + shader);
+    return handle;
+  });
   return *slot;
 }
 
 void Device::upload(const BufferSlice& to, const void* from, uint64_t bytes) {
   if (bytes > to.bytes) throw std::out_of_range(fmt::format("upload of {} bytes into {} bytes of '{}'", bytes, to.bytes, to.buffer ? to.buffer->name() : "nothing"));
-  if (bytes == 0) return;
+  if (bytes == 0 || state_->planning) return;
   if (to.buffer->mapped()) {
     std::memcpy(static_cast<std::byte*>(to.buffer->mapped()) + to.offset, from, bytes);
     return;
@@ -264,6 +355,10 @@ void Device::upload(const BufferSlice& to, const void* from, uint64_t bytes) {
 void Device::download(const BufferSlice& from, void* to, uint64_t bytes) {
   if (bytes > from.bytes) throw std::out_of_range(fmt::format("download of {} bytes from {} bytes of '{}'", bytes, from.bytes, from.buffer ? from.buffer->name() : "nothing"));
   if (bytes == 0) return;
+  if (state_->planning) {
+    std::memset(to, 0, bytes);
+    return;
+  }
   if (from.buffer->mapped()) {
     std::memcpy(to, static_cast<const std::byte*>(from.buffer->mapped()) + from.offset, bytes);
     return;

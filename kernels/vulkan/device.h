@@ -3,8 +3,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -66,10 +68,29 @@ class Buffer {
   std::unique_ptr<Views> views_;
 };
 
+// A buffer was refused because the memory ceiling leaves no room for it: what() says what was asked, what is held by whom and
+// which ceiling would do.
+class MemoryCeilingError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+// Pipelines are made on threads of their own from when they are first asked for; the batch that launches one first waits for it,
+// and for what the driver leaves to the first launch (lavapipe: machine code).
+struct ShaderProgress {
+  std::string shader;      // "<area>/<stem>"
+  bool done = false;       // false: the wait for it begins
+  uint64_t pipelines = 0;  // asked for since the device was opened
+  uint64_t ready = 0;      // of these, launched before or just now
+  double seconds = 0;      // spent waiting until now
+};
+
 struct DeviceOptions {
   std::string wanted;       // part of a name, or an index; empty: the best usable one (discrete, integrated, virtual, CPU)
   bool validation = false;  // load VK_LAYER_KHRONOS_validation with synchronisation checks; messages are kept
   bool profile = false;     // time every launch with timestamps
+  uint64_t memory_ceiling = 0;  // bytes of all buffers together; 0: as much as the device gives
+  std::function<void(const ShaderProgress&)> compiling;  // called before and after each wait
 
   // wanted from ARAH_DEVICE, validation from ARAH_VALIDATION=1.
   static DeviceOptions from_environment();
@@ -87,7 +108,8 @@ class Device {
   Profiler& profiler();
 
   // A pipeline of the embedded shader "<area>/<stem>" with specialization constants 0, 1, 2, … in order.
-  // Made on first use, kept for the device's life. Throws std::invalid_argument for an unknown name.
+  // Made on first use, kept for the device's life. Throws std::invalid_argument for an unknown name; what the driver says
+  // against it is thrown when it is first launched.
   const Pipeline& pipeline(const std::string& shader, const std::vector<uint32_t>& specialization = {});
 
   // Copies between host and buffer; sizes must be equal to the slice's or smaller. Wait for the device's own work first.
@@ -105,9 +127,17 @@ class Device {
   }
 
   uint64_t allocated_bytes() const;
+  uint64_t most_allocated_bytes() const;  // at any moment since the device was opened
+  uint64_t memory_ceiling() const;        // bytes; 0: none
   std::string memory_table() const;  // the buffers that live now, largest first, and their sum
+  // Bytes of the buffers that `make` makes, for a plan before the work. It runs as usual, but its buffers get no memory, its
+  // uploads and launches do nothing, and its downloads give zeros; none of its buffers may outlive it. Not from within itself.
+  uint64_t bytes_of(const std::function<void()>& make);
+  // The error for `needed` bytes that the ceiling leaves no room for beside what is allocated now.
+  MemoryCeilingError beyond_ceiling(const std::string& what, uint64_t needed) const;
+
   uint64_t pipelines_made() const;
-  double pipeline_seconds() const;  // time spent making pipelines since the start
+  double pipeline_seconds() const;  // time spent waiting for them since the device was opened (ShaderProgress)
 
   // Warnings and errors of the validation layer since the start; empty where it is off or content.
   std::vector<std::string> validation_messages() const;

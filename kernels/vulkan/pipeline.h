@@ -36,6 +36,7 @@ struct Pipeline {
   VkPipeline_T* handle = nullptr;
   VkPipelineLayout_T* layout = nullptr;
   VkDescriptorSetLayout_T* set_layout = nullptr;
+  mutable bool launched = false;  // nothing is left to compile
 };
 
 }  // namespace arah

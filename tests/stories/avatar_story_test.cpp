@@ -173,6 +173,84 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_NEAR(cv::mean(cv::imread(at("quick.png"), cv::IMREAD_UNCHANGED))[3], cv::mean(color)[3], 3) << "the same silhouette";
 }
 
+// What a program holds beside its buffers, as the help of --memory says: itself, the driver with its compiler, the template's
+// samples, pictures.
+constexpr uint64_t kBesideBuffers = 450ull << 20;
+
+TEST_F(Stories, MemoryStaysBelowItsCeiling) {
+  const uint64_t ceiling = 100ull << 20;
+  const Outcome trained = arah(training("lean", {"--steps", "2", "--set", "rays=2048", "--memory", "100M"}));
+  ASSERT_EQ(trained.code, 0) << trained.errors;
+  EXPECT_THAT(trained.errors, HasSubstr("MB on the device of 104.9"));
+  EXPECT_THAT(trained.errors, HasSubstr(" passes"));
+  uint64_t most = 0;
+  std::ifstream events(at("lean/events.jsonl"));
+  for (std::string line; std::getline(events, line);) most = nlohmann::json::parse(line).value("most_memory", most);
+  EXPECT_GT(most, ceiling / 2);
+  EXPECT_LE(most, ceiling);
+  EXPECT_LE(trained.peak_bytes, ceiling + kBesideBuffers);
+
+  // A large picture, the same in small chunks.
+  const auto picture = [&](const std::string& file, const std::string& memory) {
+    return arah({"render", at("lean"), "-o", at(file), "--size", "2048", "--quality", "fast", "--set", "samples=2", "--memory", memory});
+  };
+  const Outcome lean = picture("lean.png", "60M"), ample = picture("ample.png", "2G");
+  ASSERT_EQ(lean.code, 0) << lean.errors;
+  ASSERT_EQ(ample.code, 0) << ample.errors;
+  EXPECT_EQ(cv::imread(at("lean.png"), cv::IMREAD_UNCHANGED).size(), cv::Size(2048, 2048));
+  EXPECT_EQ(read_all(at("lean.png")), read_all(at("ample.png")));
+  std::printf("  resident: training %.0f MB, 2048 x 2048 pixels %.0f MB, without want %.0f MB\n", 1e-6 * double(trained.peak_bytes), 1e-6 * double(lean.peak_bytes), 1e-6 * double(ample.peak_bytes));
+  std::fflush(stdout);  // or each program started below says it again
+  EXPECT_LE(lean.peak_bytes, (60ull << 20) + kBesideBuffers);
+
+  // Too little is refused before any work, with what would do; and that does.
+  const auto small = [&](const std::string& memory) { return arah({"render", at("lean"), "-o", at("small.png"), "--size", "16", "--memory", memory}); };
+  const Outcome refused = small("8M");
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.errors, AllOf(HasSubstr("asks for"), HasSubstr("ceiling is 8.0M"), HasSubstr("are held"), HasSubstr("--memory")));
+  const std::string least = refused.errors.substr(refused.errors.find("ceiling of ") + 11);
+  const Outcome enough = small(least.substr(0, least.find('M') + 1));
+  EXPECT_EQ(enough.code, 0) << enough.errors;
+  const Outcome no_room = arah(training("no_room", {"--steps", "2", "--memory", "8M"}));
+  EXPECT_EQ(no_room.code, 2);
+  EXPECT_THAT(no_room.errors, AllOf(HasSubstr("ceiling is 8.0M"), HasSubstr("--memory")));
+  EXPECT_FALSE(fs::exists(at("no_room")));
+  for (const char* wrong : {"2", "2T", "-1G", "G", "0M", "1.5.G", "1 G", "nanM"}) {
+    const Outcome outcome = small(wrong);
+    EXPECT_EQ(outcome.code, 2) << wrong;
+    EXPECT_THAT(outcome.errors, AllOf(HasSubstr("--memory"), HasSubstr("512M"), HasSubstr(wrong)));
+  }
+}
+
+// The first start compiles and says so; the next one reads the driver's cache.
+TEST_F(Stories, TheSecondStartIsQuick) {
+  ASSERT_EQ(arah(training("start", {"--steps", "1"})).code, 0);
+  const std::string cache = at("shader-cache");
+  const char* before = std::getenv("MESA_SHADER_CACHE_DIR");
+  const std::string kept = before ? before : "";
+  ::setenv("MESA_SHADER_CACHE_DIR", cache.c_str(), 1);
+  const auto start = [] { return arah({"render", at("start"), "-o", at("start.png"), "--size", "64"}); };
+  const Outcome first = start();
+  std::vector<Outcome> later;
+  for (int i = 0; i < 3; ++i) later.push_back(start());
+  if (before) ::setenv("MESA_SHADER_CACHE_DIR", kept.c_str(), 1);
+  else ::unsetenv("MESA_SHADER_CACHE_DIR");
+  ASSERT_EQ(first.code, 0) << first.errors;
+  // "... 39 shaders in 0.4 s"
+  const auto seconds = [](const Outcome& outcome) { return std::stod(outcome.errors.substr(outcome.errors.rfind("shaders in ") + 11)); };
+  double second = 1e9;
+  for (const Outcome& outcome : later) {
+    ASSERT_EQ(outcome.code, 0) << outcome.errors;
+    second = std::min(second, seconds(outcome));
+  }
+  std::printf("  shaders: %.1f s of the first start, %.1f s of a later one\n", seconds(first), second);
+  if (fs::exists(cache)) {  // another driver may have none
+    EXPECT_THAT(first.errors, HasSubstr("compiling shaders: ")) << "seconds of it are not passed over in silence";
+  }
+  // Under a second where the processors are free; where others use them too, both take longer.
+  EXPECT_LT(second, std::max(1.0, seconds(first) / 8));
+}
+
 TEST_F(Stories, CtrlCKeepsWhatWasLearned) {
   Program program(training("stopped", {"--minutes", "30"}), at(""));
   const RunFolder folder(at("stopped"));

@@ -1,10 +1,12 @@
 // The built program, run as a user would.
 #pragma once
 
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -19,6 +21,7 @@ struct Outcome {
   int code = -1;       // exit code; -1: ended by a signal
   std::string output;  // standard output
   std::string errors;  // standard error
+  uint64_t peak_bytes = 0;  // most resident memory
 };
 
 inline std::string read_all(const std::filesystem::path& path) {
@@ -55,9 +58,10 @@ class Program {
     return child_ > 0;
   }
   Outcome wait() {
-    if (child_ > 0) ::waitpid(child_, &status_, 0);
+    rusage usage{};
+    if (child_ > 0) ::wait4(child_, &status_, 0, &usage);
     child_ = 0;
-    return {WIFEXITED(status_) ? WEXITSTATUS(status_) : -1, read_all(output_), read_all(errors_)};
+    return {WIFEXITED(status_) ? WEXITSTATUS(status_) : -1, read_all(output_), read_all(errors_), static_cast<uint64_t>(usage.ru_maxrss) * 1024};
   }
 
  private:

@@ -125,6 +125,49 @@ TEST_F(TrainerTest, ContinuesBitForBitWithCorrespondencesFromGrids) {
   EXPECT_TRUE(same_bits(parameters(second), parameters(whole)));
 }
 
+// A ceiling makes several passes of a step: the same step up to rounding, within the ceiling.
+TEST_F(TrainerTest, AMemoryCeilingIsKeptAndChangesRoundingAlone) {
+  TrainingSettings settings = small_settings();
+  settings.rays = 1000;
+  settings.sampling.root.correspondence = Correspondence::grid_alone;
+  const auto two_steps = [&](uint64_t ceiling, uint32_t& passes, uint64_t& most) {
+    DeviceOptions options = DeviceOptions::from_environment();
+    options.memory_ceiling = ceiling;
+    Device own(options);
+    Trainer training(own, small_capture(), fitted(), settings);
+    passes = training.passes();
+    const std::vector<StepReport> reports = train(training, 2);
+    most = own.most_allocated_bytes();
+    return reports;
+  };
+  uint32_t passes = 0;
+  uint64_t most = 0, most_below = 0;
+  const std::vector<StepReport> whole = two_steps(0, passes, most);
+  EXPECT_EQ(passes, 1u);
+  // Each refusal says what would do; the first one takes all frames to be as large as the first.
+  uint64_t least = 8 << 20;
+  for (int tries = 0; tries < 3; ++tries) {
+    try {
+      two_steps(least, passes, most_below);
+      break;
+    } catch (const MemoryCeilingError& error) {
+      const std::string refusal = error.what(), before = "A ceiling of ";
+      ASSERT_NE(refusal.find("training"), std::string::npos) << refusal;
+      ASSERT_NE(refusal.find(before), std::string::npos) << refusal;
+      least = std::stoull(refusal.substr(refusal.find(before) + before.size())) << 20;
+    }
+  }
+  EXPECT_GT(least, 8u << 20);
+  for (const uint64_t ceiling : {least, (least + most) / 2}) {
+    const std::vector<StepReport> parts = two_steps(ceiling, passes, most_below);
+    std::printf("  %.1f MB in one pass, %.1f of %.1f MB in %u\n", 1e-6 * double(most), 1e-6 * double(most_below), 1e-6 * double(ceiling), passes);
+    EXPECT_GT(passes, 1u);
+    EXPECT_LE(most_below, ceiling);
+    EXPECT_LT(most_below, most);
+    for (size_t i = 0; i < 2; ++i) EXPECT_NEAR(parts[i].total, whole[i].total, stored_tolerance(i) * whole[i].total);
+  }
+}
+
 TEST_F(TrainerTest, EveryGroupLearnsOnceItsRateIsNotZero) {
   Trainer training = trainer();
   const auto changed = [&](const std::vector<float>& before, const std::vector<float>& after) {

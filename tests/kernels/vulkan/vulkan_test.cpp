@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 
 #include <cstring>
+#include <optional>
 
 #include "shaders/embedded.h"
 #include "tests/kernels/device_fixture.h"
@@ -116,6 +117,75 @@ TEST_F(Vulkan, AnAllocationThatIsTooLargeNamesTheBuffer) {
     EXPECT_THAT(error.what(), HasSubstr("'huge'"));
   }
   EXPECT_EQ(device.allocated_bytes(), before);
+}
+
+TEST_F(Vulkan, NoMoreIsBoundAtOnceThanTheDeviceAllows) {
+  const uint64_t most = device.report().max_storage_buffer_bytes;
+  if (most >= device.report().max_allocation_bytes) GTEST_SKIP() << "no buffer is larger than what this device binds";
+  Buffer partials = empty("a large buffer", most + 256), total = empty("total", 64 * 16);
+  EXPECT_THAT(refusal(launch(partials, total)), AllOf(HasSubstr("'a large buffer'"), HasSubstr(std::to_string(most))));
+  Launch piece = launch(partials, total);
+  piece.bindings[0] = {partials.slice().sub(256, 2 * 64 * 16), 2 * 64 * 16};
+  EXPECT_EQ(refusal(piece), "accepted");
+}
+
+TEST_F(Vulkan, AMemoryCeilingIsKeptAndSaysWhoHoldsWhat) {
+  DeviceOptions options = DeviceOptions::from_environment();
+  options.memory_ceiling = 4 << 20;
+  Device small(options);
+  std::optional<Buffer> rays;
+  rays.emplace(small, "rays: colours", 3 << 20, BufferPlace::device);
+  try {
+    Buffer(small, "moments", 2 << 20, BufferPlace::device);
+    ADD_FAILURE() << "5 MiB under a ceiling of 4";
+  } catch (const MemoryCeilingError& error) {
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("'moments'"), HasSubstr("asks for 2.0M"), HasSubstr("ceiling is 4.0M"), HasSubstr("3.0M are held: 3.0M rays"),
+                                    HasSubstr("A ceiling of 5M")));
+  }
+  EXPECT_EQ(small.allocated_bytes(), 3u << 20);
+  rays.reset();
+  const Buffer moments(small, "moments", 4 << 20, BufferPlace::device);
+  EXPECT_EQ(small.most_allocated_bytes(), 4u << 20);
+}
+
+TEST_F(Vulkan, APlanCountsBuffersAndMakesNone) {
+  const uint64_t before = device.allocated_bytes();
+  const uint64_t bytes = device.bytes_of([&] {
+    Buffer partials(device, "partials", 1ull << 30, BufferPlace::device), total = empty("total", 64 * 16);
+    device.upload(partials.slice(), std::vector<float>(64, 1.0f));
+    commands.fill(total.slice(), 7);
+    commands.dispatch(launch(partials, total));
+    commands.submit_and_wait();
+    for (const uint32_t word : device.download<uint32_t>(total.slice())) EXPECT_EQ(word, 0u);
+    EXPECT_EQ(device.allocated_bytes(), before);
+  });
+  EXPECT_EQ(bytes, (1ull << 30) + 64 * 16);
+  EXPECT_EQ(device.bytes_of([] {}), 0u);
+}
+
+TEST_F(Vulkan, CompilingIsReportedWhileItLasts) {
+  std::vector<ShaderProgress> reports;
+  DeviceOptions options = DeviceOptions::from_environment();
+  options.compiling = [&](const ShaderProgress& progress) { reports.push_back(progress); };
+  Device watched(options);
+  Commands own(watched);
+  Buffer partials(watched, "partials", 2 * 64 * 16, BufferPlace::device), total(watched, "total", 64 * 16, BufferPlace::device);
+  Launch some = launch(partials, total);
+  some.pipeline = &watched.pipeline("linear/reduce_partials", {0});
+  for (int i = 0; i < 2; ++i) own.dispatch(some);
+  own.submit_and_wait();
+  own.dispatch(some);
+  own.submit_and_wait();
+  // Before and after its first launch alone.
+  ASSERT_EQ(reports.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(reports[i].shader, "linear/reduce_partials");
+    EXPECT_EQ(reports[i].done, i == 1);
+    EXPECT_EQ(reports[i].pipelines, 1u);
+  }
+  EXPECT_EQ(reports[0].seconds, 0);
+  EXPECT_GT(watched.pipeline_seconds(), 0);
+  EXPECT_EQ(watched.pipeline_seconds(), reports[1].seconds);
 }
 
 TEST_F(Vulkan, FillAndCopyAreSeenByWhatFollows) {
