@@ -16,6 +16,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   struct Options {
     std::filesystem::path avatar, capture, out;
     EvaluationSettings settings;
+    bool surface = false;
     QualityOptions quality;
     DeviceOptions device = DeviceOptions::from_environment();
   };
@@ -33,6 +34,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
       ->capture_default_str();
   command->add_option("--size", settings.size, "columns that photographs are reduced to (default: as they are)")
       ->check(CLI::Range(1, 8192));
+  command->add_flag("--surface", options->surface, "also how far the avatar's surface is from the capture's true one (meshes/), where it has one");
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);
@@ -46,10 +48,11 @@ void add_evaluate_command(CLI::App& program, Run& run) {
       options->settings.render = options->quality.settings(avatar);
       Device device(options->device);
       Progress progress("evaluate", 1.0, "");
-      const Evaluation result = evaluate(device, avatar, capture, options->settings, [&](double part) {
+      Evaluation result = evaluate(device, avatar, capture, options->settings, [&](double part) {
         progress.update(part);
         return true;
       });
+      if (options->surface) result.surface = surface_errors(device, avatar, capture, options->settings.split);
       make_folder(options->out);
       const std::string name = options->avatar.string(), figures = describe(result);
       write_file_safely(options->out / "metrics.json", evaluation_json(result, avatar, name, capture, device));

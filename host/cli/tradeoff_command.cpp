@@ -69,6 +69,7 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
   command->add_option("--pictures", settings.pictures, "how many, evenly chosen")->check(CLI::Range(1, 1000))->capture_default_str();
   command->add_option("--size", settings.size, "columns of the pictures (default: the camera's)")->check(CLI::Range(1, 8192));
   command->add_option("--repetitions", settings.repetitions, "of each picture, after one that is not counted")->check(CLI::Range(1, 1000))->capture_default_str();
+  command->add_flag("--presets", settings.presets_alone, "measure the presets alone, not each knob");
   command->add_option("--budget", options->budget, "say which setting is nearest to the exact rendering within this time a picture: 100ms, 2s");
   command->add_option("--max-error", options->max_error,
                       "say which setting is the fastest whose PSNR against the photographs is at most this much below the exact rendering's: 0.1dB");

@@ -150,6 +150,8 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
                       {"psnr", optional_number(row.psnr)},
                       {"ssim", optional_number(row.ssim)}});
   const RootFindingCounts& counts = evaluation.root_finding;
+  ordered_json surface = ordered_json::array();
+  for (const SurfaceError& error : evaluation.surface) surface.push_back({{"frame", error.frame}, {"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}});
   return ordered_json{
              {"mean", {{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}}},
              {"images", images},
@@ -174,6 +176,7 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
                {"exhausted", counts.exhausted},
                {"steps", counts.steps}}},
              {"seconds", evaluation.seconds},
+             {"surface", surface},
          }
              .dump(1) +
          "\n";
@@ -207,7 +210,8 @@ std::string describe(const Evaluation& evaluation) {
   return fmt::format("split {}, cameras {}: PSNR {}, SSIM {} ({} pictures)", evaluation.settings.split,
                      evaluation.settings.cameras,
                      evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
-                     evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined", evaluation.rows.size());
+                     evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined", evaluation.rows.size()) +
+         (evaluation.surface.empty() ? "" : "; " + describe(evaluation.surface));
 }
 
 }  // namespace arah

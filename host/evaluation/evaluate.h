@@ -8,6 +8,7 @@
 
 #include "host/avatar/avatar.h"
 #include "host/evaluation/report.h"
+#include "host/evaluation/surface_error.h"
 #include "host/rendering/renderer.h"
 
 namespace arah {
@@ -34,6 +35,7 @@ struct Evaluation {
   std::optional<double> ssim;   // mean over the pictures; absent where none has one
   RootFindingCounts root_finding;
   double seconds = 0;  // of rendering
+  std::vector<SurfaceError> surface;  // where it was measured; evaluate() leaves it empty
 };
 
 // The pictures that the settings choose, by frame, then camera. Throws InputError as evaluate does.
@@ -51,7 +53,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                     const std::function<bool(double)>& progress = {});
 
 // {"mean": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim"}], "split", "protocol", "avatar", "capture",
-// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds"}; what is not
+// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm"}]}; what is not
 // defined, such as the PSNR of identical pictures, is null. avatar_path: as the user knows it.
 std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,
                             const Capture& capture, const Device& device);

@@ -114,7 +114,7 @@ class Study {
     result_.pictures_measured = static_cast<int>(views_.size());
     result_.repetitions = settings_.repetitions;
     const RenderSettings exact = render_preset(avatar_, "paper");
-    const std::vector<Knobs> knobs = single_knobs(*exact.sampling);
+    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling);
     total_ = static_cast<double>(knobs.size() + render_presets().size());
     measure("paper", {}, exact);
     for (const Knobs& some : knobs) {
@@ -180,10 +180,10 @@ class Study {
             return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
           };
           renderer.forget_pose();
-          const double new_pose = timed(), same_pose = timed();
+          const double new_pose = timed();
           if (repetition < 0) continue;
           times.push_back(new_pose);
-          times_same_pose.push_back(same_pose);
+          times_same_pose.push_back(timed());
         }
       point.baking_milliseconds = 1000 * renderer.work().baking_seconds;
       point.memory_bytes = device_.allocated_bytes();

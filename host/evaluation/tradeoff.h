@@ -20,6 +20,7 @@ struct TradeoffSettings {
   int pictures = 2;                  // evenly chosen among those that the split and the cameras have
   int size = 0;                      // columns; 0: as they are
   int repetitions = 3;               // of each picture, after one that is not counted
+  bool presets_alone = false;        // not each knob
 };
 
 // One setting: its cost, the median over pictures and repetitions, and its errors, the mean over pictures.

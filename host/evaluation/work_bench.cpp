@@ -114,7 +114,8 @@ class Works {
     train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
 
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
-    picture("picture, balanced", "32 samples in the shell, correspondences from a grid", plain, "balanced");
+    picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");
+    picture("picture, fast", "20 samples in the shell, correspondences and distances from grids, one colour a ray", plain, "fast");
     AvatarSpec simple = preset_spec("tiny");
     simple.skinning = {Skinning::template_weights, 0, 0};
     picture("picture, template weights", "64 samples around surfaces, no skinning network", fitted(simple, papers), "paper");

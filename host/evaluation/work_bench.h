@@ -33,8 +33,8 @@ struct WorkBench {
   std::vector<BenchLine> shaders;   // by "<area>/<stem>"
 };
 
-// In this order: "training step" (preset tiny), "paper's step", "picture, paper", "picture, balanced", "picture, template
-// weights". `progress` gets the name of each before it starts. The capture lives in a temporary folder for as long as this
+// In this order: "training step" (preset tiny), "paper's step", "picture, paper", "picture, balanced", "picture, fast",
+// "picture, template weights". `progress` gets the name of each before it starts. The capture lives in a temporary folder for as long as this
 // takes. Throws std::runtime_error where that folder cannot be written, std::invalid_argument for no step.
 std::vector<WorkBench> run_work_bench(Device& device, const WorkBenchSettings& settings = {}, const std::function<void(const std::string&)>& progress = {});
 

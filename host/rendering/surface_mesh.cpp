@@ -110,6 +110,13 @@ std::vector<glm::mat4> SurfaceMesh::vertex_transforms(const Pose& pose) const {
   return transforms;
 }
 
+std::vector<glm::vec3> SurfaceMesh::posed(const Pose& pose) const {
+  const std::vector<glm::mat4> transforms = vertex_transforms(pose);
+  std::vector<glm::vec3> vertices;
+  for (size_t v = 0; v < transforms.size(); ++v) vertices.emplace_back(transforms[v] * glm::vec4(glm::vec3(mesh_.vertices[v]), 1.0f));
+  return vertices;
+}
+
 SeenSurface SurfaceMesh::seen(const Pose& pose, const Camera& camera, double outline) const {
   const std::vector<glm::mat4> transforms = vertex_transforms(pose);
   std::vector<glm::vec3> vertices, drawn;

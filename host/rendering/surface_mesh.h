@@ -36,6 +36,7 @@ class SurfaceMesh {
   SeenSurface seen(const Pose& pose, const Camera& camera, double outline) const;
 
   const TriangleMesh& canonical() const { return mesh_; }  // metres
+  std::vector<glm::vec3> posed(const Pose& pose) const;    // its vertices in the world
 
  private:
   struct Influence {

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <map>
+#include <sstream>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <thread>
@@ -142,7 +144,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_EQ(cv::imread(at("posed/color.png"), cv::IMREAD_UNCHANGED).size(), cv::Size(kSize, kSize));
 
   const Outcome measured =
-      arah({"evaluate", at("whole"), capture(), "-o", at("figures"), "--cameras", "cam_04,cam_06"});
+      arah({"evaluate", at("whole"), capture(), "-o", at("figures"), "--cameras", "cam_04,cam_06", "--surface"});
   ASSERT_EQ(measured.code, 0) << measured.errors;
   const auto metrics = nlohmann::json::parse(read_all(at("figures/metrics.json")));
   ASSERT_EQ(metrics["images"].size(), 2u);  // frame 0 alone has pictures of held-out cameras
@@ -151,6 +153,9 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_LT(metrics["mean"]["psnr"].get<double>(), 40.0);
   EXPECT_GT(metrics["root_finding"]["points"].get<int>(), 1000);
   EXPECT_THAT(read_all(at("figures/report.html")), HasSubstr("cam_06"));
+  ASSERT_GT(metrics["surface"].size(), 0u);
+  EXPECT_GT(metrics["surface"][0]["mean_mm"].get<double>(), 0.1);
+  EXPECT_LT(metrics["surface"][0]["mean_mm"].get<double>(), 40.0) << "a template's shape is nearer than that to the clothes";
   EXPECT_EQ(metrics["render"]["least_weight"], 0) << "figures are those of the exact rendering";
 
   // What the approximations cost, and which one to use.
@@ -168,6 +173,28 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
     EXPECT_THAT(csv, HasSubstr(setting));
   EXPECT_THAT(read_all(at("study/tradeoff.svg")), HasSubstr("<svg"));
   EXPECT_THAT(read_all(at("study/report.html")), HasSubstr("preset fast"));
+  const Outcome steps = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--training", "--repetitions", "1", "--rays", "64"});
+  ASSERT_EQ(steps.code, 0) << steps.errors;
+  // Gradients of the exact step are their own truth; what is left out at a weight of 1e-6 moves them less than at 1e-2.
+  std::map<std::string, std::vector<double>> rows;
+  std::istringstream lines(read_all(at("study/training_tradeoff.csv")));
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream cells(line);
+    std::string name, cell;
+    std::getline(cells, name, ',');
+    while (name != "setting" && std::getline(cells, cell, ',')) rows[name].push_back(std::stod(cell));
+  }
+  const std::vector<double> exact = rows.at("\"exact\""), little = rows.at("\"least_weight 1e-6\""), more = rows.at("\"least_weight 1e-2\"");
+  ASSERT_GT(exact.size(), 8u);
+  double sum_little = 0, sum_more = 0;
+  for (std::size_t i = 5; i < exact.size(); ++i) {  // after milliseconds, fastest, slowest, shaded, found
+    EXPECT_EQ(exact[i], 0);
+    sum_little += little[i];
+    sum_more += more[i];
+  }
+  EXPECT_LT(sum_little, 1e-2);
+  EXPECT_GT(sum_more, sum_little);
+  EXPECT_LT(more[3], exact[3]) << "share of samples with a colour";
   const Outcome quick = arah({"render", at("whole"), "-o", at("quick.png"), "--size", "70", "--quality", "preview", "--set", "pixel_step=1"});
   ASSERT_EQ(quick.code, 0) << quick.errors;
   EXPECT_NEAR(cv::mean(cv::imread(at("quick.png"), cv::IMREAD_UNCHANGED))[3], cv::mean(color)[3], 3) << "the same silhouette";

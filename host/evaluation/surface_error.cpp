@@ -1,0 +1,124 @@
+#include "host/evaluation/surface_error.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <optional>
+#include <sstream>
+
+#include "host/body/mesh_distance.h"
+#include "host/input_error.h"
+#include "host/rendering/frame_on_device.h"
+#include "host/rendering/surface_mesh.h"
+
+namespace arah {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "meshes are read as they lie in the file");
+
+constexpr double mesh_cell = 0.006;  // metres, of the avatar's
+constexpr uint8_t hair_part = 3;
+
+// The vertices of all faces that are not hair.
+std::vector<glm::dvec3> true_surface(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  const auto refuse = [&](const std::string& expected, const std::string& found) { return InputError(path.string(), "", expected, found); };
+  if (!file) throw refuse("a mesh", "a file that cannot be read");
+  std::string line;
+  std::vector<std::string> header;
+  while (std::getline(file, line) && line != "end_header") {
+    if (line.starts_with("comment")) continue;
+    header.push_back(line);
+    if (header.size() > 64) break;
+  }
+  size_t vertices = 0, faces = 0;
+  std::string form;
+  for (const std::string& entry : header) {
+    std::istringstream words(entry);
+    std::string word, what;
+    words >> word >> what;
+    if (word == "element") (what == "vertex" ? vertices : faces) = [&] { size_t count = 0; words >> count; return count; }();
+    else form += entry + ";";
+  }
+  if (line != "end_header" || form != "ply;format binary_little_endian 1.0;property float x;property float y;property float z;property list uchar int vertex_indices;property uchar part;")
+    throw refuse("a PLY of binary_little_endian, float x y z and faces with a uchar part", "'" + form.substr(0, 200) + "'");
+  if (vertices == 0 || vertices > 100'000'000 || faces > 100'000'000) throw refuse("1 to 10^8 vertices and faces", fmt::format("{} and {}", vertices, faces));
+  const auto read = [&](void* to, size_t bytes) {
+    if (!file.read(static_cast<char*>(to), static_cast<std::streamsize>(bytes))) throw refuse(fmt::format("{} vertices and {} faces", vertices, faces), "the file's end");
+  };
+  std::vector<std::array<float, 3>> places(vertices);
+  read(places.data(), vertices * sizeof places[0]);
+  std::vector<bool> wanted(vertices, false);
+  for (size_t f = 0; f < faces; ++f) {
+    uint8_t corners = 0, part = 0;
+    read(&corners, 1);
+    std::vector<int32_t> at(corners);
+    read(at.data(), corners * sizeof at[0]);
+    read(&part, 1);
+    for (const int32_t v : at) {
+      if (v < 0 || static_cast<size_t>(v) >= vertices) throw refuse(fmt::format("indices below {}", vertices), fmt::format("{}", v));
+      if (part != hair_part) wanted[static_cast<size_t>(v)] = true;
+    }
+  }
+  std::vector<glm::dvec3> surface;
+  for (size_t v = 0; v < vertices; ++v)
+    if (wanted[v]) surface.emplace_back(places[v][0], places[v][1], places[v][2]);
+  if (surface.empty()) throw refuse("faces that are not hair", "none");
+  return surface;
+}
+
+}  // namespace
+
+std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, const Capture& capture, const std::string& split, const std::function<void(double)>& progress) {
+  std::vector<std::pair<const MotionFrame*, std::filesystem::path>> frames;
+  for (const MotionFrame& frame : motion_of(capture, split).frames) {
+    const std::filesystem::path path = capture.path / "meshes" / fmt::format("{}_{:06d}.ply", split, frame.number);
+    if (std::filesystem::exists(path)) frames.emplace_back(&frame, path);
+  }
+  if (frames.empty()) throw InputError((capture.path / "meshes").string(), "", fmt::format("{}_<frame>.ply, the true surface of some frame", split), "none", "Without the true surface leave --surface out.");
+  Commands commands(device);
+  AvatarNetworks networks(device, avatar, false);
+  TemplateOnDevice body(device, avatar.body);
+  constexpr uint32_t points_at_a_time = 16384;
+  Field field(device, networks, points_at_a_time, 1, false);
+  BakedDistances baked(device, avatar, mesh_cell);
+  std::optional<SurfaceMesh> mesh;
+  std::optional<size_t> mesh_row;
+  std::vector<SurfaceError> errors;
+  for (const auto& [frame, path] : frames) {
+    if (progress) progress(double(errors.size()) / double(frames.size()));
+    const size_t row = avatar.spec.latent_size > 0 ? latent_row(avatar, frame->number) : 0;
+    if (!mesh || (mesh_row != row && avatar.spec.sdf.conditioning != SdfConditioning::none)) {
+      networks.record_pack(commands, row);
+      commands.submit_and_wait();
+      FrameOnDevice posed(device, avatar, body, frame->pose, {});
+      baked.bake(commands, field, posed.constants());
+      mesh.emplace(device, commands, networks, avatar, baked.samples(), posed.constants());
+      mesh_row = row;
+    }
+    std::vector<glm::dvec3> vertices;
+    for (const glm::vec3& p : mesh->posed(frame->pose)) vertices.emplace_back(p);
+    const MeshDistance avatar_surface(vertices, mesh->canonical().triangles);
+    std::vector<double> distances;
+    for (const glm::dvec3& p : true_surface(path)) distances.push_back(glm::distance(avatar_surface.closest(p).position, p));
+    SurfaceError error{frame->number, 0, 0};
+    for (const double distance : distances) error.mean += distance / double(distances.size());
+    const auto rank = distances.begin() + static_cast<std::ptrdiff_t>(0.95 * double(distances.size() - 1));
+    std::nth_element(distances.begin(), rank, distances.end());
+    error.percentile_95 = *rank;
+    errors.push_back(error);
+  }
+  return errors;
+}
+
+std::string describe(const std::vector<SurfaceError>& errors) {
+  double mean = 0, percentile = 0;
+  for (const SurfaceError& error : errors) mean += error.mean / double(errors.size()), percentile += error.percentile_95 / double(errors.size());
+  return fmt::format("surface: {:.2f} mm in the mean, 95 % within {:.2f} mm ({} meshes)", 1000 * mean, 1000 * percentile, errors.size());
+}
+
+}  // namespace arah
