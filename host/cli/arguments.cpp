@@ -1,5 +1,8 @@
 #include "host/cli/arguments.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <CLI/CLI.hpp>
 #include <charconv>
 #include <cmath>
@@ -64,8 +67,7 @@ void add_quality_options(CLI::App& command, QualityOptions& quality) {
       ->check(CLI::IsMember(render_presets()))
       ->capture_default_str();
   command.add_option("--set", quality.knobs,
-                     "KNOB=VALUE, any number of times: sampling_mode, samples, shell_bound, root_tolerance, "
-                     "root_max_iterations, root_correspondence, least_weight, pixel_step");
+                     fmt::format("KNOB=VALUE, any number of times: {}", fmt::join(render_knobs(), ", ")));
 }
 
 fs::path avatar_file(const fs::path& path) {

@@ -6,7 +6,6 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include "host/evaluation/evaluate.h"
 #include "host/evaluation/image_metrics.h"
@@ -52,17 +51,6 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact) {
   knob("color_groups", {"4", "2", "1"});
   knob("pixel_step", {"2", "3"});
   return all;
-}
-
-// The stage that a launch belongs to, by the words of its name.
-std::string stage_of(const std::string& launch) {
-  const auto has = [&](const char* word) { return launch.find(word) != std::string::npos; };
-  if (has("sdf layer") || has("distances")) return "distances";
-  if (has("color") || has("colour") || has("feature grid") || has("normals") || has("shaded")) return "shading";
-  if (has("compositing")) return "compositing";
-  if (has("trac") || has("joint")) return "surface";
-  if (has("skinning") || has("correspond") || has("nearest") || has("compaction") || has("normalise")) return "correspondences";
-  return "rays and samples";
 }
 
 struct View {
@@ -195,13 +183,11 @@ class Study {
         renderer.forget_pose();
         renderer.render(view.camera, view.pose, view.latent_row);
       }
-      std::map<std::string, double> stages;
       const auto pictures = static_cast<double>(views_.size());
-      for (const auto& [launch, statistics] : device_.profiler().launches()) {
-        stages[stage_of(launch)] += statistics.milliseconds / pictures;
+      for (const auto& [stage, statistics] : device_.profiler().stages()) {
+        if (device_.report().timestamp_period_ns > 0) point.stages.emplace_back(stage.empty() ? "other" : stage, statistics.milliseconds / pictures);
         point.gflop += statistics.cost.flops * 1e-9 / pictures;
       }
-      if (device_.report().timestamp_period_ns > 0) point.stages.assign(stages.begin(), stages.end());
       device_.profiler().reset();
       device_.profiler().enabled = profiled;
       const Renderer::Work& work = renderer.work();

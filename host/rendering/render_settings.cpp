@@ -130,18 +130,21 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   sampling.mode = SamplingMode::surface_only;
   sampling.samples = 1;
   sampling.surface = SurfaceSource::mesh;
-  settings.outline = 1;
+  settings.outline = 0.5;
   if (name == "preview") return settings;
   throw InputError("--quality", "", fmt::format("one of {}", fmt::join(render_presets(), ", ")), "'" + name + "'");
 }
 
+std::vector<std::string> render_knobs() {
+  std::vector<std::string> names;
+  for (const Knob& knob : knobs()) names.emplace_back(knob.name);
+  return names;
+}
+
 void set_render_knob(RenderSettings& settings, const std::string& name, const std::string& value) {
-  std::vector<std::string> known;
-  for (const Knob& knob : knobs()) {
+  for (const Knob& knob : knobs())
     if (name == knob.name) return knob.set(settings, name, value);
-    known.emplace_back(knob.name);
-  }
-  throw InputError(name, "", fmt::format("one of {}", fmt::join(known, ", ")), "no such knob");
+  throw InputError(name, "", fmt::format("one of {}", fmt::join(render_knobs(), ", ")), "no such knob");
 }
 
 std::string render_settings_json(const RenderSettings& settings) {

@@ -49,6 +49,7 @@ SamplingSettings picture_sampling(const Avatar& avatar);
 RenderSettings render_preset(const Avatar& avatar, const std::string& name);
 const std::vector<std::string>& render_presets();
 
+std::vector<std::string> render_knobs();  // their names
 // One knob by name, its value as text. Throws InputError naming the knob: unknown, or a value that it does not take.
 void set_render_knob(RenderSettings& settings, const std::string& name, const std::string& value);
 // The settings as {"samples": 32, …}: knobs alone.

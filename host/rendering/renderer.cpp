@@ -133,6 +133,7 @@ FrameOnDevice& Renderer::posed(const Pose& pose) {
 void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row) {
   if (!baked_ || (baked_row_ && (avatar_.spec.sdf.conditioning == SdfConditioning::none || *baked_row_ == latent_row))) return;
   const auto start = std::chrono::steady_clock::now();
+  commands_.stage("baking");
   baked_->bake(commands_, shaded_->field(), frame.constants());
   if (draws_mesh()) mesh_.emplace(device_, commands_, networks_, avatar_, baked_->samples(), frame.constants());
   baked_row_ = latent_row;
