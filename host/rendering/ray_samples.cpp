@@ -105,11 +105,14 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
   commands.submit_and_wait();
 }
 
-std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) {
-  if (bounded_by_shell()) return device_.download<uint32_t>(kept_counts_.slice().elements(0, rays));
-  std::vector<uint32_t> counts;
-  for (const Ray& ray : device_.download<Ray>(rays_.slice().sub(0, rays * sizeof(Ray)))) counts.push_back(ray.near < ray.far);
-  return counts;
+std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) { return bounded_by_shell() ? device_.download<uint32_t>(kept_counts_.slice().elements(0, rays)) : meet_box(rays); }
+
+std::vector<uint32_t> RaySamples::drawn_from(uint32_t rays) { return by_surface() ? meet_box(rays) : kept_counts(rays); }
+
+std::vector<uint32_t> RaySamples::meet_box(uint32_t rays) {
+  std::vector<uint32_t> meet;
+  for (const Ray& ray : device_.download<Ray>(rays_.slice().sub(0, rays * sizeof(Ray)))) meet.push_back(ray.near < ray.far);
+  return meet;
 }
 
 void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {

@@ -66,6 +66,9 @@ class RaySamples {
   // For each ray of the last set_pixels, 0 where nothing can be seen along it: the number of its bins in the shell; without
   // shell_bound 1 where it meets the body's box.
   std::vector<uint32_t> kept_counts(uint32_t rays);
+  // Likewise, 0 for rays that training does not draw: in the modes that sample by the surface those that miss the box, whatever
+  // shell_bound says: what is left out for speed must not decide which rays there are.
+  std::vector<uint32_t> drawn_from(uint32_t rays);
   // SurfaceSource::mesh: where the rays of the last set_pixels hit the surface, vec4 by ray (canonical metres, w = 1; w = 0:
   // nowhere), and metres along the ray.
   void set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths);
@@ -89,6 +92,7 @@ class RaySamples {
   SurfaceFinder& surface_finder() { return *surface_; }  // of the surface mode alone
 
  private:
+  std::vector<uint32_t> meet_box(uint32_t rays);
   bool by_surface() const { return settings_.mode != SamplingMode::shell; }
   bool bounded_by_shell() const { return !by_surface() || settings_.shell_bound; }
   void place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);

@@ -54,9 +54,9 @@ const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finde
   for (size_t first = 0; first < pixels.size(); first += finder.capacity_pixels()) {
     const size_t count = std::min<size_t>(finder.capacity_pixels(), pixels.size() - first);
     finder.set_pixels(commands, frame_here, cameras_[place.camera], {pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(first + count)});
-    const std::vector<uint32_t> kept = finder.kept_counts(static_cast<uint32_t>(count));
+    const std::vector<uint32_t> drawn = finder.drawn_from(static_cast<uint32_t>(count));
     for (size_t i = 0; i < count; ++i) {
-      if (kept[i] == 0) continue;
+      if (drawn[i] == 0) continue;
       const float* rgba = &picture.rgba[4 * (first + i)];
       const bool person = rgba[3] >= 0.5f;
       (person ? image.person : image.around).push_back({pixels[first + i], {rgba[0], rgba[1], rgba[2], person ? 1.0f : 0.0f}});
