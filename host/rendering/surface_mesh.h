@@ -27,7 +27,7 @@ class SurfaceMesh {
     Buffer points, posed, weights;
   };
 
-  // The zero set of the distances, with the weights of the skinning network as it is packed now (or those of the template's
+  // The zero set of the distances without its small loose parts, with the weights of the skinning network as it is packed now (or those of the template's
   // nearest vertices, where the avatar follows these). frame: any pose's constants. Submits.
   SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame);
 
