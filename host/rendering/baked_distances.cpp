@@ -24,7 +24,7 @@ BakedDistances::BakedDistances(Device& device, const Avatar& avatar, double cell
   rough_ = template_distances(coarse, vertices, avatar.body.triangles, rough_reach);
   coarse_nodes_ = glm::ivec3(coarse.nodes[0], coarse.nodes[1], coarse.nodes[2]);
   // Nodes that no vertex reaches lie deep inside or far outside. Along a line of nodes the side changes only within reach.
-  for (size_t line = 0; line + 1 <= rough_.size() / coarse.nodes[0] && line < size_t(coarse.nodes[1]) * coarse.nodes[2]; ++line) {
+  for (size_t line = 0; line < size_t(coarse.nodes[1]) * coarse.nodes[2]; ++line) {
     float side = 1;
     for (uint32_t x = 0; x < coarse.nodes[0]; ++x) {
       float& distance = rough_[line * coarse.nodes[0] + x];

@@ -1,4 +1,4 @@
-// Signed distances from a grid of them, instead of a network (reference::interpolate_distance).
+// Signed distances from a grid of them, instead of a network (reference::interpolate_value).
 #pragma once
 
 #include "kernels/linear/matrix.h"
