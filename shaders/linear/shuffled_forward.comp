@@ -1,8 +1,8 @@
 // Y = epilogue(X W + b) for CPU devices where the layer is wide: a loop whose code and data stay in the innermost caches.
-// Eight neighbouring lanes (a cluster, whatever the subgroup size) own 8 points × 64 outputs, lane l the outputs 8l..8l+7.
-// For every 8 inputs a lane reads its columns of W once and serves the 8 points with them; X comes as the lane's own point and
-// is passed around by shuffles with constant lanes. A workgroup owns 64 points and all outputs: its 8 clusters take the tiles
-// in turns. Reads the packed weights as one tile (row 0 bias, then K rows). One pipeline serves all sizes.
+// Eight neighbouring lanes (a cluster, whatever the subgroup size) own 16 points × 64 outputs, lane l the outputs 8l..8l+7.
+// For every 8 inputs a lane reads its columns of W once and serves the 16 points with them; X comes as the lane's own two
+// points and is passed around by shuffles with constant lanes. A workgroup owns 64 points and all outputs: its 8 clusters take
+// the tiles in turns. Reads the packed weights as one tile (row 0 bias, then K rows). One pipeline serves all sizes.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -15,8 +15,9 @@ layout(binding = 0, rgba32f) uniform readonly imageBuffer X;
 layout(binding = 6, rgba32f) uniform readonly imageBuffer W;
 #include "lib/epilogue.glsl"
 
-const int POINTS = 8;  // of a cluster: as many as it has lanes
-const int TEXELS = 2;  // of inputs in one iteration
+const int LANES = 8;    // of a cluster
+const int POINTS = 16;  // of a cluster: two a lane
+const int TEXELS = 2;   // of inputs in one iteration
 
 void main() {
   const int lane = int(gl_LocalInvocationIndex & 7u);
@@ -29,6 +30,7 @@ void main() {
     const int point = int(gl_WorkGroupID.x) * 64 + task / column_tiles * POINTS;
     const int texel = (task % column_tiles * 8 + lane) * 2;
     const int x_base = (point + lane) * stride + column;
+    const int x_next = LANES * stride;  // from a lane's point to its next one
     vec4 low[POINTS], high[POINTS];  // of each point: the lane's first and last four outputs
     const vec4 bias_low = MODE == MODE_TANGENT ? vec4(0) : imageLoad(W, texel);  // a tangent has no bias
     const vec4 bias_high = MODE == MODE_TANGENT ? vec4(0) : imageLoad(W, texel + 1);
@@ -37,17 +39,20 @@ void main() {
       high[p] = bias_high;
     }
     for (int k = 0; k < input_texels; k += TEXELS) {
-      vec4 x[TEXELS], w_low[4 * TEXELS], w_high[4 * TEXELS];
+      vec4 w_low[4 * TEXELS], w_high[4 * TEXELS];
       [[unroll]] for (int j = 0; j < 4 * TEXELS; ++j) {
         w_low[j] = imageLoad(W, (1 + 4 * k + j) * row_texels + texel);
         w_high[j] = imageLoad(W, (1 + 4 * k + j) * row_texels + texel + 1);
       }
-      [[unroll]] for (int j = 0; j < TEXELS; ++j) x[j] = imageLoad(X, x_base + k + j);
-      [[unroll]] for (int p = 0; p < POINTS; ++p) {
-        [[unroll]] for (int j = 0; j < 4 * TEXELS; ++j) {
-          const float of_point = subgroupShuffle(x[j / 4][j & 3], neighbours | uint(p));
-          low[p] += w_low[j] * of_point;
-          high[p] += w_high[j] * of_point;
+      [[unroll]] for (int first = 0; first < POINTS; first += LANES) {
+        vec4 x[TEXELS];
+        [[unroll]] for (int j = 0; j < TEXELS; ++j) x[j] = imageLoad(X, x_base + first / LANES * x_next + k + j);
+        [[unroll]] for (int p = 0; p < LANES; ++p) {
+          [[unroll]] for (int j = 0; j < 4 * TEXELS; ++j) {
+            const float of_point = subgroupShuffle(x[j / 4][j & 3], neighbours | uint(p));
+            low[first + p] += w_low[j] * of_point;
+            high[first + p] += w_high[j] * of_point;
+          }
         }
       }
     }
