@@ -84,7 +84,7 @@ std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, c
   AvatarNetworks networks(device, avatar, false);
   TemplateOnDevice body(device, avatar.body);
   constexpr uint32_t points_at_a_time = 16384;
-  Field field(device, networks, points_at_a_time, 1, false);
+  Field field(device, networks, points_at_a_time, 1, {.capacity = point_padding}, false);  // of distances alone
   BakedDistances baked(device, avatar, mesh_cell);
   std::optional<SurfaceMesh> mesh;
   std::optional<size_t> mesh_row;

@@ -13,19 +13,20 @@
 
 namespace arah {
 
-Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients)
+Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, const Shaded& shaded, bool with_gradients)
     : device_(device), networks_(networks), samples_per_ray_(samples_per_ray) {
   const bool normal = networks.spec().color.normal;
-  const uint64_t rows = padded_points(capacity);
+  const uint64_t rows = padded_points(shaded.capacity);
+  const auto holds = !with_gradients ? normal || shaded.gradient ? SirenTape::Holds::gradient : SirenTape::Holds::values : normal ? SirenTape::Holds::second_order : SirenTape::Holds::first_order;
   distance_tape_.emplace(device, "samples: distances", networks.sdf_shape(), capacity, SirenTape::Holds::values);
-  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), capacity, normal && with_gradients ? SirenTape::Holds::second_order : SirenTape::Holds::first_order);
-  color_tape_.emplace(device, "samples: color", networks.color_shape(), capacity, with_gradients);
+  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), shaded.capacity, holds);
+  color_tape_.emplace(device, "samples: color", networks.color_shape(), shaded.capacity, with_gradients);
   if (normal) normals_ = Buffer(device, "samples: normals", rows * 16, BufferPlace::device);
   if (!with_gradients) return;
   if (normal) d_normals_ = Buffer(device, "samples: gradient at normals", rows * 16, BufferPlace::device);
   d_position_ = Buffer(device, "samples: gradient at n(x)", rows * 16, BufferPlace::device);
   upstream_ = Buffer(device, "samples: gradient at x", rows * 16, BufferPlace::device);
-  const uint64_t floats = std::max({networks.sdf().weight_gradient_scratch(capacity), networks.color().weight_gradient_scratch(capacity), networks.unpack_scratch()});
+  const uint64_t floats = std::max({networks.sdf().weight_gradient_scratch(shaded.capacity), networks.color().weight_gradient_scratch(shaded.capacity), networks.unpack_scratch()});
   scratch_ = Buffer(device, "weight gradients: partial sums", floats * 4, BufferPlace::device);
 }
 

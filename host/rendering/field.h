@@ -12,8 +12,13 @@ namespace arah {
 
 class Field {
  public:
-  // capacity: points at a time. samples_per_ray: sample s belongs to ray s / samples_per_ray.
-  Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, bool with_gradients);
+  // What is evaluated beside distances, at how many points at a time.
+  struct Shaded {
+    uint32_t capacity = 0;
+    bool gradient = false;  // wanted by record_forward
+  };
+  // capacity: points at a time whose distances are wanted. samples_per_ray: sample s belongs to ray s / samples_per_ray.
+  Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, const Shaded& shaded, bool with_gradients);
 
   // Signed distances at the rows of canonical points, vec4 by row: channel 0 of the result, cube units; it stays until the
   // next call. sparse: only rows with w > 0 are evaluated, the others' distances mean nothing; submits, to know how many they
@@ -26,6 +31,7 @@ class Field {
   // The result of the distances that do not come from all rows of the network, or from none; made at its first use.
   Matrix distances_by_row();
   uint32_t capacity() const { return distance_tape_->capacity(); }
+  uint32_t shaded_capacity() const { return sdf_tape_->capacity(); }
 
   // Makes the room that sparse distances take; else their first call does.
   void make_room_for_gaps();

@@ -49,7 +49,7 @@ RayCamera ray_camera(const Camera& camera) {
   return result;
 }
 
-RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings)
+RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings, Surface surface)
     : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)),
       capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples) {
   const uint64_t rays = capacity_pixels_, rows = padded_points(capacity_rays_ * settings.samples);
@@ -62,10 +62,10 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
   };
   pixels_ = make("pixels", rays * 4);
   rays_ = make("rays", rays * sizeof(Ray));
-  if (by_surface() && settings.surface == SurfaceSource::search) surface_.emplace(device, networks, capacity_rays_);
-  if (by_surface() && settings.surface == SurfaceSource::mesh) {
-    drawn_points_ = make("drawn surface points", capacity_rays_ * 16ull);
-    drawn_depths_ = make("drawn surface depths", capacity_rays_ * 4ull);
+  if (by_surface() && surface == Surface::found) surface_.emplace(device, networks, capacity_rays_);
+  if (by_surface() && surface == Surface::given) {
+    given_points_ = make("surface points", capacity_rays_ * 16ull);
+    given_depths_ = make("surface depths", capacity_rays_ * 4ull);
   }
   if (bounded_by_shell()) {
     kept_ = make("kept bins", rays * 8);
@@ -134,12 +134,12 @@ void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, 
 }
 
 void RaySamples::set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths) {
-  device_.upload(drawn_points_.slice(), points);
-  device_.upload(drawn_depths_.slice(), depths);
+  device_.upload(given_points_.slice(), points);
+  device_.upload(given_depths_.slice(), depths);
 }
 
 void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
-  if (surface_) surface_->find(commands, frame, rays, rays_.slice(), jitter.on ? SurfaceFinder::Candidates::in_box : SurfaceFinder::Candidates::not_diverged, settings_.root);
+  if (surface_) surface_->find(commands, frame, rays, rays_.slice(), SurfaceFinder::Candidates::in_box, settings_.root);
   const bool only = settings_.mode == SamplingMode::surface_only;
   commands.stage("rays");
   SurfaceSamplesArgs samples;
@@ -152,8 +152,8 @@ void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint
   samples.root_translation = frame.root_translation();
   samples.jitter = jitter;
   samples.ray_list = rays_.slice();
-  samples.surface_points = surface_ ? surface_->surface_points() : drawn_points_.slice();
-  samples.surface_depths = surface_ ? surface_->surface_depths() : drawn_depths_.slice();
+  samples.surface_points = surface_ ? surface_->surface_points() : given_points_.slice();
+  samples.surface_depths = surface_ ? surface_->surface_depths() : given_depths_.slice();
   samples.depths = depths_.slice();
   samples.points = points_.slice();
   record_surface_samples(commands, samples);

@@ -113,6 +113,7 @@ const std::vector<std::string>& render_presets() {
 RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   RenderSettings settings;
   settings.sampling = picture_sampling(avatar);
+  settings.least_weight = 1e-8;  // of 64 samples together at most 6.4e-7 of a colour
   if (name == "paper") return settings;
   SamplingSettings& sampling = *settings.sampling;
   sampling.root.tolerance = 1e-4f;

@@ -44,7 +44,7 @@ struct RenderSettings {
 // its settings), else 32 in the template's shell.
 SamplingSettings picture_sampling(const Avatar& avatar);
 
-// "paper": exact. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. Throws InputError
+// "paper": exact to 1e-6 of a colour. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. Throws InputError
 // naming the presets for another word.
 RenderSettings render_preset(const Avatar& avatar, const std::string& name);
 const std::vector<std::string>& render_presets();

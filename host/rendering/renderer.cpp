@@ -16,19 +16,24 @@
 namespace arah {
 namespace {
 
-// Rays whose activations fit the memory: floats a sample of the fields' tapes and of the root search.
+// Rays whose activations fit the memory: floats a sample of the distances' and the root search's tapes.
 uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memory_bytes) {
-  const double sdf = 4.0 * spec.sdf.sine_layers * spec.sdf.width;
-  const double color = double(spec.color.hidden_layers + 2) * spec.color.width;
-  const double skinning = double(spec.skinning.hidden_layers + 1) * spec.skinning.width;
-  const double bytes_a_ray = 4.0 * samples * (sdf + color + skinning + 120);
+  const double bytes_a_ray = 4.0 * samples * (2.0 * spec.sdf.width + 2.0 * spec.skinning.width + 120);
   // no more than 65,536 rows, so that a matrix of 512 channels still fits the 128 MiB that every device binds at once
   const uint32_t most = 65536 / samples / 64 * 64;
   return std::clamp(static_cast<uint32_t>(double(memory_bytes) / bytes_a_ray) / 64 * 64, 64u, std::max(64u, most));
 }
 
+// What goes together beside so many rays with their samples. Few samples are shaded, and what is kept of each is much; a search
+// keeps much of a ray, but many rays share its launches, of which there are some thousand.
+constexpr uint32_t most_shaded_at_a_time = 8192;
+constexpr uint32_t searched_at_a_time(uint32_t rays) { return std::min(4 * rays, 4096u); }
+
 // b of the Laplace density, metres (shaders/lib/density.glsl).
 double scale_of_density(const Avatar& avatar) { return std::clamp(std::abs(double{avatar.tensor("b")[0]}), 1e-6, 1e6); }
+
+// Of a pixel (column | row << 16) in a picture of so many columns.
+size_t pixel_index(uint32_t pixel, int width) { return static_cast<size_t>(pixel >> 16) * static_cast<size_t>(width) + (pixel & 0xffff); }
 
 // A smaller picture between whose pixels the others are interpolated; depths and what is behind an edge come from the nearest.
 Picture enlarged(const Picture& small, int width, int height) {
@@ -58,9 +63,10 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
     throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface: around_surface and before_surface together", sampling_.around_surface + sampling_.before_surface), fmt::format("{}", sampling_.samples));
   if (sampling_.mode == SamplingMode::surface_only && sampling_.samples != 1) throw InputError("samples", "", "1 with sampling_mode surface_only", fmt::format("{}", sampling_.samples));
   if (bakes()) baked_.emplace(device, avatar, settings.bake_cell);
-  samples_.emplace(device, networks_, rays_, sampling_);
+  if (searches_surface()) surface_finder_.emplace(device, networks_, searched_at_a_time(rays_));
+  samples_.emplace(device, networks_, rays_, sampling_, RaySamples::Surface::given);
   if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
-  shaded_.emplace(device, networks_, rays_, sampling_.samples, false, settings.normals);
+  shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals);
 }
 
 uint32_t Renderer::planned_rays() {
@@ -73,8 +79,10 @@ uint32_t Renderer::planned_rays() {
   });
   return rays_that_fit(device_, "a picture", most, frame_bytes, [&](uint32_t rays) {
     AvatarNetworks networks(device_, avatar_, false);
-    RaySamples samples(device_, networks, rays, sampling_);
-    ShadedRays shaded(device_, networks, rays, sampling_.samples, false, settings_.normals);
+    std::optional<SurfaceFinder> finder;
+    if (searches_surface()) finder.emplace(device_, networks, searched_at_a_time(rays));
+    RaySamples samples(device_, networks, rays, sampling_, RaySamples::Surface::given);
+    ShadedRays shaded(device_, networks, rays, sampling_.samples, most_shaded_at_a_time, settings_.normals);
     if (samples.has_gaps()) shaded.field().make_room_for_gaps();
     if (samples.opaque()) shaded.field().opaque_distances();
     if (settings_.baked_distances) shaded.field().distances_by_row();
@@ -107,11 +115,18 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   picture.depth.assign(pixels, 0);
   if (settings_.normals) picture.normal.assign(3 * pixels, 0);
 
-  const SeenSurface surface = draws_mesh() ? mesh_->seen(pose, camera, settings_.outline * scale_of_density(avatar_)) : SeenSurface{};
+  const auto report = [&](double done) {
+    if (progress && !progress(done)) throw std::runtime_error("stopped");
+  };
+  SeenSurface surface;
+  if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * scale_of_density(avatar_));
   const std::vector<uint32_t> seen = pixels_to_render(frame, camera, surface);
+  // A search of the surface takes about as long as what follows.
+  const double searching = searches_surface() ? 0.5 : 0;
+  if (searches_surface()) surface = find_surface(frame, camera, seen, [&](double done) { report(searching * done); });
   const uint32_t chunk = samples_->capacity_rays();
   for (size_t first = 0; first < seen.size(); first += chunk) {
-    if (progress && !progress(double(first) / double(seen.size()))) throw std::runtime_error("stopped");
+    report(searching + (1 - searching) * double(first) / double(seen.size()));
     render_chunk(frame, camera, {seen.begin() + static_cast<ptrdiff_t>(first), seen.begin() + static_cast<ptrdiff_t>(std::min(seen.size(), first + chunk))}, surface, picture);
   }
   return picture;
@@ -140,6 +155,28 @@ void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row) {
   work_.baking_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+// What the rays of these pixels hit, by searching.
+SeenSurface Renderer::find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress) {
+  const size_t all = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
+  SeenSurface seen{std::vector<std::array<float, 4>>(all, {0, 0, 0, 0}), std::vector<float>(all, 0.0f)};
+  for (size_t first = 0; first < pixels.size(); first += surface_finder_->capacity()) {
+    progress(double(first) / double(pixels.size()));
+    const std::vector<uint32_t> some(pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(std::min(pixels.size(), first + surface_finder_->capacity())));
+    const auto rays = static_cast<uint32_t>(some.size());
+    samples_->set_pixels(commands_, frame, camera, some);
+    surface_finder_->find(commands_, frame, rays, samples_->rays(), SurfaceFinder::Candidates::not_diverged, sampling_.root);
+    commands_.submit_and_wait();
+    const auto points = device_.download<std::array<float, 4>>(surface_finder_->surface_points().sub(0, rays * 16ull));
+    const auto depths = device_.download<float>(surface_finder_->surface_depths().elements(0, rays));
+    for (size_t i = 0; i < rays; ++i) {
+      const size_t at = pixel_index(some[i], camera.width);
+      seen.points[at] = points[i];
+      seen.depths[at] = depths[i];
+    }
+  }
+  return seen;
+}
+
 // Those where something may be seen, so that only they fill chunks: where the mesh is all there is to see, what it covers;
 // else those whose rays enter the shell.
 std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SeenSurface& seen) {
@@ -165,11 +202,11 @@ std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Cam
 void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SeenSurface& seen, Picture& picture) {
   const auto rays = static_cast<uint32_t>(pixels.size());
   samples_->set_pixels(commands_, frame, camera, pixels);
-  if (draws_mesh()) {
+  if (sampling_.mode != SamplingMode::shell) {
     std::vector<std::array<float, 4>> points;
     std::vector<float> depths;
     for (const uint32_t pixel : pixels) {
-      const size_t at = static_cast<size_t>(pixel >> 16) * static_cast<size_t>(camera.width) + (pixel & 0xffff);
+      const size_t at = pixel_index(pixel, camera.width);
       points.push_back(seen.points[at]);
       depths.push_back(seen.depths[at]);
     }
@@ -190,7 +227,7 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   const auto depths = device_.download<float>(shaded_->ray_depths().elements(0, rays));
   const auto normals = settings_.normals ? device_.download<Rgba>(shaded_->normals().sub(0, rays * 16ull)) : std::vector<Rgba>{};
   for (size_t i = 0; i < rays; ++i) {
-    const size_t at = static_cast<size_t>(pixels[i] >> 16) * static_cast<size_t>(picture.width) + (pixels[i] & 0xffff);
+    const size_t at = pixel_index(pixels[i], picture.width);
     const float alpha = colors[i][3];
     picture.alpha[at] = alpha;
     for (size_t c = 0; c < 3; ++c) picture.color[3 * at + c] = colors[i][c];

@@ -52,10 +52,12 @@ class Renderer {
  private:
   bool bakes() const { return settings_.baked_distances || draws_mesh(); }
   bool draws_mesh() const { return sampling_.mode != SamplingMode::shell && sampling_.surface == SurfaceSource::mesh; }
+  bool searches_surface() const { return sampling_.mode != SamplingMode::shell && sampling_.surface == SurfaceSource::search; }
   uint32_t planned_rays();
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
   FrameOnDevice& posed(const Pose& pose);
   void bake(FrameOnDevice& frame, std::size_t latent_row);
+  SeenSurface find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);
   std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SeenSurface& seen);
   void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SeenSurface& seen, Picture& picture);
 
@@ -66,6 +68,7 @@ class Renderer {
   uint32_t rays_;  // at a time
   AvatarNetworks networks_;
   TemplateOnDevice body_;
+  std::optional<SurfaceFinder> surface_finder_;
   std::optional<RaySamples> samples_;
   std::optional<ShadedRays> shaded_;
   std::optional<FrameOnDevice> frame_;

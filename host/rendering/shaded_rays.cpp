@@ -1,20 +1,29 @@
 #include "host/rendering/shaded_rays.h"
 
+#include <algorithm>
+
 #include "kernels/color/posed_normals.h"
 #include "kernels/compositing/forward.h"
 #include "kernels/compositing/group_samples.h"
 
 namespace arah {
 
-ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, bool with_gradients, bool normals)
-    : networks_(networks), field_(device, networks, rays * samples, samples, with_gradients), queue_(device, rays * samples) {
+ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples)
+    : ShadedRays(device, networks, rays, samples, {rays * samples, false}, true) {}
+
+ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals)
+    : ShadedRays(device, networks, rays, samples, {std::min(shaded_at_a_time, padded_points(rays * samples)), normals}, false) {}
+
+ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients)
+    : networks_(networks), field_(device, networks, rays * samples, samples, shaded, with_gradients), queue_(device, rays * samples) {
   const uint64_t ray_room = padded_points(rays), rows = padded_points(rays * samples);
   auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, std::string("rays: ") + what, bytes, BufferPlace::device); };
   colors_ = make("colours", ray_room * 16);
   ray_depths_ = make("depths", ray_room * 4);
   weights_ = make("weights", rows * 4);
   transmittances_ = make("transmittances", rows * 4);
-  if (!normals) return;
+  if (field_.shaded_capacity() < rows) rgb_ = make("colours of samples", rows * channel_padding * 4);
+  if (!shaded.gradient) return;
   normals_ = make("normals of samples", rows * 16);
   composited_normals_ = make("normals", ray_room * 16);
   unused_depths_ = make("depths, again", ray_room * 4);
@@ -58,12 +67,9 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   queue_.select(commands, rows, placed.canonical());
 
   commands.stage("shading");
-  inputs_ = {frame.constants(), queue_.canonical(), placed.rays(), queue_.size(), {}, queue_.samples(), rows};
-  if (options.normals || networks_.spec().color.normal)
-    inputs_.transforms = placed.root_finder().record_transforms(commands, frame, {{inputs_.rows, {}}, queue_.samples()}, queue_.canonical());
-  field_.record_forward(commands, inputs_, options.normals);
+  shade(commands, frame, placed, rows, options.normals);
   composite.delta_mode = DeltaMode::given;  // written by now
-  composite.samples.rgb = field_.rgb();
+  composite.samples.rgb = rgb();
   composite.samples.slots = queue_.slots();
   composite.samples.slot_count = queue_.size();
   composite.samples.groups = options.groups > 0;
@@ -72,11 +78,24 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   record_composite_forward(commands, composite);
   composited_ = composite.samples;
   if (!options.normals) return;
-  record_posed_normals(commands, {inputs_.rows, field_.gradient(), inputs_.transforms, normals_.slice(), true});
   composite.samples.rgb = {normals_.slice(), 4, 0};  // Σ w n: compositing is linear in its colours
   composite.colors = composited_normals_.slice();
   composite.ray_depths = unused_depths_.slice();
   record_composite_forward(commands, composite);
+}
+
+void ShadedRays::shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, bool normals) {
+  const uint32_t at_a_time = field_.shaded_capacity();
+  for (uint32_t first = 0; first < queue_.size(); first += at_a_time) {
+    const uint32_t count = std::min(at_a_time, queue_.size() - first);
+    const uint64_t padded = padded_points(count);
+    inputs_ = {frame.constants(), queue_.canonical().sub(first * 16ull, padded * 16), placed.rays(), count, {}, queue_.samples().elements(first, padded), rows};
+    if (normals || networks_.spec().color.normal)
+      inputs_.transforms = placed.root_finder().record_transforms(commands, frame, {{count, {}}, inputs_.samples}, inputs_.canonical);
+    field_.record_forward(commands, inputs_, normals);
+    if (rgb_.bytes()) commands.copy(field_.rgb().slice.elements(0, padded * channel_padding), rgb_.slice().elements(uint64_t(first) * channel_padding, padded * channel_padding));
+    if (normals) record_posed_normals(commands, {count, field_.gradient(), inputs_.transforms, normals_.slice().sub(first * 16ull, padded * 16), true});
+  }
 }
 
 }  // namespace arah

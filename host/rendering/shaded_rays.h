@@ -13,8 +13,10 @@ namespace arah {
 
 class ShadedRays {
  public:
-  // rays: at a time, `samples` of each. normals: room for them.
-  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, bool with_gradients, bool normals);
+  // rays: at a time, `samples` of each. For training: with a way back.
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples);
+  // For pictures: samples are shaded so many at a time, a multiple of 64, one batch after the other. normals: room for them.
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals);
 
   struct Options {
     double least_weight = 0;
@@ -33,7 +35,7 @@ class ShadedRays {
   BufferSlice ray_depths() { return ray_depths_.slice(); }  // float by ray: Σ w z, metres
   BufferSlice normals() { return composited_normals_.slice(); }  // vec4 by ray: Σ w n, world axes; after a call with normals
 
-  // What the way back reads: the composited samples, and the field with the rows that it was evaluated at.
+  // What the way back reads, in training: the composited samples, and the field with the rows that it was evaluated at.
   const CompositeSamples& composited() const { return composited_; }
   BufferSlice transmittances() { return transmittances_.slice(); }  // float by sample
   Field& field() { return field_; }
@@ -41,12 +43,18 @@ class ShadedRays {
   const ShadingQueue& queue() const { return queue_; }
 
  private:
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients);
+  void shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, bool normals);
+  // Of all slots of the queue.
+  Matrix rgb() { return rgb_.bytes() ? Matrix{rgb_.slice(), channel_padding, 0} : field_.rgb(); }
+
   AvatarNetworks& networks_;
   Field field_;
   ShadingQueue queue_;
   CompositeSamples composited_;
   Field::Inputs inputs_;
   Buffer colors_, ray_depths_, weights_, transmittances_, normals_, composited_normals_, unused_depths_;
+  Buffer rgb_;  // where the queue's samples do not go into the field together
 };
 
 }  // namespace arah

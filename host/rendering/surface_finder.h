@@ -35,6 +35,7 @@ class SurfaceFinder {
   // Without a skinning network the traced points are exact correspondences: the end of sphere tracing is the answer.
   void find(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Candidates candidates, const RootFindingSettings& settings);
 
+  uint32_t capacity() const { return capacity_; }
   BufferSlice surface_points() { return canonical_.slice(); }  // vec4 by ray: canonical metres, w = 1 where the surface is hit
   BufferSlice surface_depths() { return depths_.slice(); }     // float by ray: metres, where it is hit
 

@@ -57,8 +57,8 @@ uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSe
 }  // namespace
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
-    : samples(device, networks, pass_rays, settings.sampling),
-      shaded(device, networks, pass_rays, settings.sampling.samples, true, false),
+    : samples(device, networks, pass_rays, settings.sampling, RaySamples::Surface::found),
+      shaded(device, networks, pass_rays, settings.sampling.samples),
       eikonal_tape(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
       sign_tape(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <stdexcept>
 
 namespace arah {
@@ -50,7 +51,16 @@ DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& 
   adjoints_.resize(shape.layers.size());
   const uint32_t input = shape.padded_input();
   if (shape.skip < 0) wanted.emplace_back(&values_[0], make("input", input));
+  // Without a way back, layers take turns in two matrices.
+  Matrix turns[2];
+  std::array<uint32_t, 2> turn_channels{};
+  const auto takes_turns = [&](size_t l) { return !with_gradients && l + 1 < shape.layers.size() && static_cast<int>(l) + 1 != shape.skip; };
+  for (size_t l = 0; l < shape.layers.size(); ++l)
+    if (takes_turns(l)) turn_channels[l % 2] = std::max(turn_channels[l % 2], shape.layers[l].padded_outputs());
+  for (size_t turn = 0; turn < 2; ++turn)
+    if (turn_channels[turn]) wanted.emplace_back(&turns[turn], make("turn " + std::to_string(turn), turn_channels[turn]));
   for (size_t l = 0; l < shape.layers.size(); ++l) {
+    if (takes_turns(l)) continue;
     if (static_cast<int>(l) + 1 == shape.skip) wanted.emplace_back(&joined_, make("joined input", shape.layers[l + 1].padded_inputs()));
     else wanted.emplace_back(&values_[l + 1], make("layer " + std::to_string(l), shape.layers[l].padded_outputs()));
   }
@@ -61,6 +71,8 @@ DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& 
     if (shape.skip >= 0) wanted.emplace_back(&joined_gradient_, make("joined input gradient", shape.layers[static_cast<size_t>(shape.skip)].padded_inputs()));
   }
   for (size_t i = 0; i < wanted.size(); ++i) *wanted[i].first = {buffers_[i].slice(), wanted[i].second, 0};
+  for (size_t l = 0; l < shape.layers.size(); ++l)
+    if (takes_turns(l)) values_[l + 1] = {turns[l % 2].slice, shape.layers[l].padded_outputs(), 0};
   if (shape.skip >= 0) {
     // The input lives in the joined matrix itself; the hidden part follows it there.
     values_[0] = joined_;

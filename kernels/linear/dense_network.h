@@ -27,7 +27,7 @@ struct DenseShape {
 // What one forward pass leaves for the backward pass, for a fixed capacity of points.
 class DenseTape {
  public:
-  // with_gradients: also the adjoints that the backward pass needs.
+  // with_gradients: also what the backward pass needs; else two layers' values at a time.
   DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients);
 
   uint32_t capacity() const { return capacity_; }

@@ -36,10 +36,12 @@ SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& 
     want_all(cosine_);
     want(gradient_, narrow);
     want(ones_, narrow);
+    want_all(phase_adjoint_);
+  }
+  if (holds == Holds::first_order || holds == Holds::second_order) {
     want(sdf_cotangent_, narrow);
     want(feature_cotangent_, width);
     want(input_gradient_, narrow);
-    want_all(phase_adjoint_);
     want_all(loss_adjoint_);
   }
   if (holds == Holds::second_order) {
@@ -105,7 +107,7 @@ uint64_t Siren::weight_gradient_scratch(uint32_t points) const {
 }
 
 void Siren::record_forward(Commands& commands, SirenTape& tape, const PointRange& range, bool keep) {
-  require(!keep || !tape.cosine_.empty(), name_, "a forward pass that keeps its cosines", "first order");
+  require(!keep || !tape.cosine_.empty(), name_, "a forward pass that keeps its cosines", "the gradient");
   for (uint32_t l = 0; l <= shape_.sine_layers; ++l) {
     const bool sine = l < shape_.sine_layers;
     LinearForwardArgs args;
@@ -121,7 +123,7 @@ void Siren::record_forward(Commands& commands, SirenTape& tape, const PointRange
 }
 
 void Siren::record_gradient(Commands& commands, SirenTape& tape, const PointRange& range, bool keep_adjoints) {
-  require(!tape.phase_adjoint_.empty(), name_, "the field gradient", "first order");
+  require(!tape.phase_adjoint_.empty(), name_, "the field gradient", "the gradient");
   require(!keep_adjoints || !tape.adjoint_.empty(), name_, "keeping the field gradient's adjoints", "second order");
   for (uint32_t l = shape_.sine_layers + 1; l-- > 0;) {
     LinearInputGradientArgs args;

@@ -21,9 +21,9 @@ struct SirenShape {
 // Activations of one pass over at most `capacity` points, all matrices zero at first.
 class SirenTape {
  public:
-  enum class Holds { values, first_order, second_order };
-  // values: forward only, two layers' activations at a time. first_order: also what the gradient ∂f/∂n, and the backward pass without a cotangent on it, need.
-  // second_order: also what a cotangent on the gradient needs.
+  enum class Holds { values, gradient, first_order, second_order };
+  // values: forward only, two layers' activations at a time. gradient: also what ∂f/∂n needs. first_order: also what the
+  // backward pass without a cotangent on it needs. second_order: also what a cotangent on the gradient needs.
   SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds);
 
   uint32_t capacity() const { return capacity_; }

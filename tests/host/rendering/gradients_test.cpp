@@ -25,7 +25,7 @@ class ColorGradients : public DeviceTest {
  protected:
   ColorGradients()
       : avatar(changed_avatar(device)), networks(device, avatar, true), body(device, avatar.body), frame(device, avatar, body, bent_pose(avatar.body.skeleton), {}),
-        ray_samples(device, networks, ray_count, sampling()), field(device, networks, rows, samples, true), skinning(device, networks, rows, 64), points(device, networks, rows) {
+        ray_samples(device, networks, ray_count, sampling(), RaySamples::Surface::found), field(device, networks, rows, samples, {.capacity = rows}, true), skinning(device, networks, rows, 64), points(device, networks, rows) {
     const auto make = [&](const char* what, uint64_t bytes) {
       Buffer buffer(device, what, bytes, BufferPlace::device);
       commands.fill(buffer.slice(), 0);

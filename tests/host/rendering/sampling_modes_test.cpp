@@ -161,5 +161,34 @@ TEST_F(SamplingModes, ShowABodyThatNeverMoves) {
   EXPECT_LT(modes.depth, 0.004);
 }
 
+// The preset `paper` leaves out weights of at most 1e-8, of 64 samples together 6.4e-7 of a colour; and how many samples are
+// shaded together changes nothing.
+TEST_F(SamplingModes, PaperIsExactToAMillionth) {
+  const Avatar avatar = capsule_avatar(device, small_paper_spec());
+  RenderSettings paper = render_preset(avatar, "paper");
+  paper.sampling->mode = SamplingMode::surface;
+  paper.sampling->samples = 64;
+  const auto render = [&](double least_weight, uint64_t memory) {
+    RenderSettings settings = paper;
+    settings.least_weight = least_weight;
+    settings.memory_bytes = memory;
+    Renderer renderer(device, avatar, settings);
+    const Picture picture = renderer.render(capsule_camera(45, 53), bent_pose(avatar.body.skeleton), 0);
+    return std::pair{picture, renderer.work()};
+  };
+  const auto [all, all_work] = render(0, paper.memory_bytes);
+  const auto [exact, exact_work] = render(paper.least_weight, paper.memory_bytes);
+  const auto [small, small_work] = render(0, 1'000'000);  // 64 rays at a time: fewer samples than go into one batch
+  float most = 0;
+  for (size_t i = 0; i < all.color.size(); ++i) most = std::max(most, std::abs(all.color[i] - exact.color[i]));
+  std::printf("  %llu of %llu samples shaded, colours differ by %.2g\n", static_cast<unsigned long long>(exact_work.shaded), static_cast<unsigned long long>(all_work.shaded), double(most));
+  EXPECT_LE(most, 1e-6f);
+  EXPECT_LT(exact_work.shaded, all_work.shaded);
+  EXPECT_EQ(small_work.shaded, all_work.shaded);
+  EXPECT_EQ(small.color, all.color);
+  EXPECT_LE(all_work.rays, 1024u);    // one chunk …
+  EXPECT_GT(all_work.shaded, 8192u);  // … shaded in two batches
+}
+
 }  // namespace
 }  // namespace arah
