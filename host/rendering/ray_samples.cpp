@@ -49,7 +49,7 @@ RayCamera ray_camera(const Camera& camera) {
   return result;
 }
 
-RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings, Surface surface)
+RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings)
     : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)),
       capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples) {
   const uint64_t rays = capacity_pixels_, rows = padded_points(capacity_rays_ * settings.samples);
@@ -62,10 +62,9 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
   };
   pixels_ = make("pixels", rays * 4);
   rays_ = make("rays", rays * sizeof(Ray));
-  if (by_surface() && surface == Surface::found) surface_.emplace(device, networks, capacity_rays_);
-  if (by_surface() && surface == Surface::given) {
-    given_points_ = make("surface points", capacity_rays_ * 16ull);
-    given_depths_ = make("surface depths", capacity_rays_ * 4ull);
+  if (by_surface()) {
+    surface_points_ = make("surface points", capacity_rays_ * 16ull);
+    surface_depths_ = make("surface depths", capacity_rays_ * 4ull);
   }
   if (bounded_by_shell()) {
     kept_ = make("kept bins", rays * 8);
@@ -133,13 +132,30 @@ void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, 
   finder_.solve(commands, frame, rows(rays), points_.slice(), canonical_.slice(), settings_.root);
 }
 
-void RaySamples::set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths) {
-  device_.upload(given_points_.slice(), points);
-  device_.upload(given_depths_.slice(), depths);
+SurfaceHits RaySamples::search_surface(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, SurfaceFinder& finder,
+                                       SurfaceFinder::Candidates candidates, const std::function<void(double)>& progress) {
+  SurfaceHits hits;
+  const size_t at_a_time = std::min(finder.capacity(), capacity_pixels_);
+  for (size_t first = 0; first < pixels.size(); first += at_a_time) {
+    if (progress) progress(double(first) / double(pixels.size()));
+    const auto rays = static_cast<uint32_t>(std::min(at_a_time, pixels.size() - first));
+    set_pixels(commands, frame, camera, {pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(first + rays)});
+    finder.find(commands, frame, rays, rays_.slice(), candidates, settings_.root);
+    commands.submit_and_wait();
+    const auto points = device_.download<std::array<float, 4>>(finder.surface_points().sub(0, rays * 16ull));
+    const auto depths = device_.download<float>(finder.surface_depths().elements(0, rays));
+    hits.points.insert(hits.points.end(), points.begin(), points.end());
+    hits.depths.insert(hits.depths.end(), depths.begin(), depths.end());
+  }
+  return hits;
+}
+
+void RaySamples::set_surface(const SurfaceHits& hits) {
+  device_.upload(surface_points_.slice(), hits.points);
+  device_.upload(surface_depths_.slice(), hits.depths);
 }
 
 void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
-  if (surface_) surface_->find(commands, frame, rays, rays_.slice(), SurfaceFinder::Candidates::in_box, settings_.root);
   const bool only = settings_.mode == SamplingMode::surface_only;
   commands.stage("rays");
   SurfaceSamplesArgs samples;
@@ -152,8 +168,8 @@ void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint
   samples.root_translation = frame.root_translation();
   samples.jitter = jitter;
   samples.ray_list = rays_.slice();
-  samples.surface_points = surface_ ? surface_->surface_points() : given_points_.slice();
-  samples.surface_depths = surface_ ? surface_->surface_depths() : given_depths_.slice();
+  samples.surface_points = surface_points_.slice();
+  samples.surface_depths = surface_depths_.slice();
   samples.depths = depths_.slice();
   samples.points = points_.slice();
   record_surface_samples(commands, samples);

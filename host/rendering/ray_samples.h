@@ -1,8 +1,7 @@
 // Rays and their samples with canonical correspondences: what both rendering and training shade (DESIGN.md §2's story).
 #pragma once
 
-#include <array>
-#include <optional>
+#include <functional>
 #include <vector>
 
 #include "host/capture/camera.h"
@@ -54,12 +53,7 @@ RayCamera ray_camera(const Camera& camera);
 
 class RaySamples {
  public:
-  // Who finds the surface that the modes surface and surface_only ask for.
-  enum class Surface {
-    found,  // place() does, by searching (training)
-    given,  // the caller, who says so by set_surface() (pictures)
-  };
-  RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings, Surface surface);
+  RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings);
 
   uint32_t capacity_rays() const { return capacity_rays_; }     // with samples
   uint32_t capacity_pixels() const { return capacity_pixels_; }  // of set_pixels alone
@@ -74,13 +68,15 @@ class RaySamples {
   // Likewise, 0 for rays that training does not draw: in the modes that sample by the surface those that miss the box, whatever
   // shell_bound says: what is left out for speed must not decide which rays there are.
   std::vector<uint32_t> drawn_from(uint32_t rays);
-  // Surface::given: where the rays of the last set_pixels hit the surface, vec4 by ray (canonical metres, w = 1; w = 0:
-  // nowhere), and metres along the ray.
-  void set_surface(const std::vector<std::array<float, 4>>& points, const std::vector<float>& depths);
+  // What the rays of these pixels hit, by searching, as many at a time as `finder` has room for. Afterwards the rays are those of
+  // the last of them. Submits. progress: the part done.
+  SurfaceHits search_surface(Commands& commands, FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, SurfaceFinder& finder,
+                             SurfaceFinder::Candidates candidates, const std::function<void(double)>& progress = {});
+  // surface, surface_only: what the rays of the last set_pixels hit.
+  void set_surface(const SurfaceHits& hits);
   // surface: from the next place() on instead of the settings' half_width, metres.
   void set_half_width(double metres) { settings_.half_width = metres; }
-  // Samples on the rays of the last set_pixels and their canonical points. Submits. Where it finds the surface itself, the joint
-  // search is tried on all rays in the box.
+  // Samples on the rays of the last set_pixels and their canonical points. Submits.
   void place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
   // Whether a good part of the rows has no point to evaluate: unused places of rays, and samples outside the shell.
@@ -94,7 +90,6 @@ class RaySamples {
   BufferSlice canonical() { return canonical_.slice(); }  // vec4 by row; w = 1 where a correspondence was found
   const PointRootFinder& root_finder() const { return finder_; }
   PointRootFinder& root_finder() { return finder_; }
-  SurfaceFinder& surface_finder() { return *surface_; }  // of Surface::found
 
  private:
   std::vector<uint32_t> meet_box(uint32_t rays);
@@ -106,9 +101,7 @@ class RaySamples {
   SamplingSettings settings_;
   uint32_t capacity_rays_, capacity_pixels_;
   PointRootFinder finder_;
-  std::optional<SurfaceFinder> surface_;
-  Buffer given_points_, given_depths_;  // of the surface
-  Buffer pixels_, rays_, kept_, kept_counts_, depths_, deltas_, points_, canonical_;
+  Buffer surface_points_, surface_depths_, pixels_, rays_, kept_, kept_counts_, depths_, deltas_, points_, canonical_;
 };
 
 }  // namespace arah

@@ -64,7 +64,7 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
   if (sampling_.mode == SamplingMode::surface_only && sampling_.samples != 1) throw InputError("samples", "", "1 with sampling_mode surface_only", fmt::format("{}", sampling_.samples));
   if (bakes()) baked_.emplace(device, avatar, settings.bake_cell);
   if (searches_surface()) surface_finder_.emplace(device, networks_, searched_at_a_time(rays_));
-  samples_.emplace(device, networks_, rays_, sampling_, RaySamples::Surface::given);
+  samples_.emplace(device, networks_, rays_, sampling_);
   if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
   shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals);
 }
@@ -81,7 +81,7 @@ uint32_t Renderer::planned_rays() {
     AvatarNetworks networks(device_, avatar_, false);
     std::optional<SurfaceFinder> finder;
     if (searches_surface()) finder.emplace(device_, networks, searched_at_a_time(rays));
-    RaySamples samples(device_, networks, rays, sampling_, RaySamples::Surface::given);
+    RaySamples samples(device_, networks, rays, sampling_);
     ShadedRays shaded(device_, networks, rays, sampling_.samples, most_shaded_at_a_time, settings_.normals);
     if (samples.has_gaps()) shaded.field().make_room_for_gaps();
     if (samples.opaque()) shaded.field().opaque_distances();
@@ -118,7 +118,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   const auto report = [&](double done) {
     if (progress && !progress(done)) throw std::runtime_error("stopped");
   };
-  SeenSurface surface;
+  SurfaceHits surface;
   if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * scale_of_density(avatar_));
   const std::vector<uint32_t> seen = pixels_to_render(frame, camera, surface);
   // A search of the surface takes about as long as what follows.
@@ -156,30 +156,21 @@ void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row) {
 }
 
 // What the rays of these pixels hit, by searching.
-SeenSurface Renderer::find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress) {
+SurfaceHits Renderer::find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress) {
   const size_t all = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
-  SeenSurface seen{std::vector<std::array<float, 4>>(all, {0, 0, 0, 0}), std::vector<float>(all, 0.0f)};
-  for (size_t first = 0; first < pixels.size(); first += surface_finder_->capacity()) {
-    progress(double(first) / double(pixels.size()));
-    const std::vector<uint32_t> some(pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(std::min(pixels.size(), first + surface_finder_->capacity())));
-    const auto rays = static_cast<uint32_t>(some.size());
-    samples_->set_pixels(commands_, frame, camera, some);
-    surface_finder_->find(commands_, frame, rays, samples_->rays(), SurfaceFinder::Candidates::not_diverged, sampling_.root);
-    commands_.submit_and_wait();
-    const auto points = device_.download<std::array<float, 4>>(surface_finder_->surface_points().sub(0, rays * 16ull));
-    const auto depths = device_.download<float>(surface_finder_->surface_depths().elements(0, rays));
-    for (size_t i = 0; i < rays; ++i) {
-      const size_t at = pixel_index(some[i], camera.width);
-      seen.points[at] = points[i];
-      seen.depths[at] = depths[i];
-    }
+  SurfaceHits seen{std::vector<std::array<float, 4>>(all, {0, 0, 0, 0}), std::vector<float>(all, 0.0f)};
+  const SurfaceHits hits = samples_->search_surface(commands_, frame, camera, pixels, *surface_finder_, SurfaceFinder::Candidates::not_diverged, progress);
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const size_t at = pixel_index(pixels[i], camera.width);
+    seen.points[at] = hits.points[i];
+    seen.depths[at] = hits.depths[i];
   }
   return seen;
 }
 
 // Those where something may be seen, so that only they fill chunks: where the mesh is all there is to see, what it covers;
 // else those whose rays enter the shell.
-std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SeenSurface& seen) {
+std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SurfaceHits& seen) {
   std::vector<uint32_t> all, some;
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) all.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
@@ -199,19 +190,18 @@ std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Cam
   return some;
 }
 
-void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SeenSurface& seen, Picture& picture) {
+void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SurfaceHits& seen, Picture& picture) {
   const auto rays = static_cast<uint32_t>(pixels.size());
   samples_->set_pixels(commands_, frame, camera, pixels);
   if (sampling_.mode != SamplingMode::shell) {
-    std::vector<std::array<float, 4>> points;
-    std::vector<float> depths;
+    SurfaceHits hits;
     for (const uint32_t pixel : pixels) {
       const size_t at = pixel_index(pixel, camera.width);
-      points.push_back(seen.points[at]);
-      depths.push_back(seen.depths[at]);
+      hits.points.push_back(seen.points[at]);
+      hits.depths.push_back(seen.depths[at]);
     }
-    points.resize(padded_points(rays), {0, 0, 0, 0});
-    samples_->set_surface(points, depths);
+    hits.points.resize(padded_points(rays), {0, 0, 0, 0});
+    samples_->set_surface(hits);
   }
   samples_->place(commands_, frame, rays, {});
   ShadedRays::Options options{settings_.least_weight, settings_.normals, {}, settings_.color_groups};

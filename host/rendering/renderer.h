@@ -57,9 +57,9 @@ class Renderer {
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
   FrameOnDevice& posed(const Pose& pose);
   void bake(FrameOnDevice& frame, std::size_t latent_row);
-  SeenSurface find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);
-  std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SeenSurface& seen);
-  void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SeenSurface& seen, Picture& picture);
+  SurfaceHits find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);
+  std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SurfaceHits& seen);
+  void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SurfaceHits& seen, Picture& picture);
 
   Device& device_;
   const Avatar& avatar_;

@@ -8,8 +8,8 @@
 
 namespace arah {
 
-ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples)
-    : ShadedRays(device, networks, rays, samples, {rays * samples, false}, true) {}
+ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded)
+    : ShadedRays(device, networks, rays, samples, {shaded, false}, true) {}
 
 ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals)
     : ShadedRays(device, networks, rays, samples, {std::min(shaded_at_a_time, padded_points(rays * samples)), normals}, false) {}
@@ -22,14 +22,14 @@ ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, 
   ray_depths_ = make("depths", ray_room * 4);
   weights_ = make("weights", rows * 4);
   transmittances_ = make("transmittances", rows * 4);
-  if (field_.shaded_capacity() < rows) rgb_ = make("colours of samples", rows * channel_padding * 4);
+  if (!with_gradients && field_.shaded_capacity() < rows) rgb_ = make("colours of samples", rows * channel_padding * 4);
   if (!shaded.gradient) return;
   normals_ = make("normals of samples", rows * 16);
   composited_normals_ = make("normals", ray_room * 16);
   unused_depths_ = make("depths, again", ray_room * 4);
 }
 
-void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options) {
+bool ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options) {
   const uint32_t rows = placed.rows(rays);
   commands.stage("distances");
   CompositeForwardArgs composite;
@@ -65,6 +65,7 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
     record_group_samples(commands, group);
   }
   queue_.select(commands, rows, placed.canonical());
+  if (networks_.has_gradients() && queue_.size() > field_.shaded_capacity()) return false;
 
   commands.stage("shading");
   shade(commands, frame, placed, rows, options.normals);
@@ -77,11 +78,12 @@ void ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   commands.stage("compositing");
   record_composite_forward(commands, composite);
   composited_ = composite.samples;
-  if (!options.normals) return;
+  if (!options.normals) return true;
   composite.samples.rgb = {normals_.slice(), 4, 0};  // Σ w n: compositing is linear in its colours
   composite.colors = composited_normals_.slice();
   composite.ray_depths = unused_depths_.slice();
   record_composite_forward(commands, composite);
+  return true;
 }
 
 void ShadedRays::shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, bool normals) {

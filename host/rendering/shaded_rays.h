@@ -13,8 +13,8 @@ namespace arah {
 
 class ShadedRays {
  public:
-  // rays: at a time, `samples` of each. For training: with a way back.
-  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples);
+  // rays: at a time, `samples` of each. For training: with a way back for so many shaded samples.
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded);
   // For pictures: samples are shaded so many at a time, a multiple of 64, one batch after the other. normals: room for them.
   ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals);
 
@@ -29,7 +29,8 @@ class ShadedRays {
   // groups: of each ray, one place for every so-manieth part of its Σ w gives its colour to the samples there
   // (kernels/compositing/group_samples.h). Moves the canonical points of those that begin a group.
   // Records and submits: on return all but the last launches are done, and these are recorded.
-  void record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options);
+  // Returns false, with nothing shaded, where more samples are to be shaded than there is a way back for.
+  bool record_forward(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rays, const Options& options);
 
   BufferSlice colors() { return colors_.slice(); }          // vec4 by ray: rgb on black, Σ w
   BufferSlice ray_depths() { return ray_depths_.slice(); }  // float by ray: Σ w z, metres

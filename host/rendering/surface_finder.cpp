@@ -47,7 +47,7 @@ SurfaceFinder::SurfaceFinder(Device& device, AvatarNetworks& networks, uint32_t 
   canonical_ = make("surface points", vec4_each);
   depths_ = make("surface depths", word_each);
   const bool joint = networks.spec().skinning.kind == Skinning::network;
-  sdf_tape_.emplace(device, "surface search: sdf", networks.sdf_shape(), capacity_, joint ? SirenTape::Holds::first_order : SirenTape::Holds::values);
+  sdf_tape_.emplace(device, "surface search: sdf", networks.sdf_shape(), capacity_, joint ? SirenTape::Holds::gradient : SirenTape::Holds::values);
   if (!joint) return;
   skinning_tape_.emplace(device, "surface search: skinning", networks.skinning_shape(), capacity_, true);
   skinned_ = make("skinned points", vec4_each);

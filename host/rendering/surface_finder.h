@@ -5,6 +5,7 @@
 
 #include <array>
 #include <optional>
+#include <vector>
 
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/frame_on_device.h"
@@ -13,6 +14,12 @@
 #include "kernels/tracing/sphere_step.h"
 
 namespace arah {
+
+// Where rays hit the surface.
+struct SurfaceHits {
+  std::vector<std::array<float, 4>> points;  // by ray: canonical, metres, w = 1; zeros where there is nothing
+  std::vector<float> depths;                 // metres along the ray
+};
 
 // What became of the rays since the last reset.
 struct SurfaceFindingCounts {

@@ -140,7 +140,7 @@ std::vector<glm::vec3> SurfaceMesh::posed(const Pose& pose) const {
   return vertices;
 }
 
-SeenSurface SurfaceMesh::seen(const Pose& pose, const Camera& camera, double outline) const {
+SurfaceHits SurfaceMesh::seen(const Pose& pose, const Camera& camera, double outline) const {
   const std::vector<glm::mat4> transforms = vertex_transforms(pose);
   std::vector<glm::vec3> vertices, drawn;
   for (size_t v = 0; v < transforms.size(); ++v) {
@@ -149,7 +149,7 @@ SeenSurface SurfaceMesh::seen(const Pose& pose, const Camera& camera, double out
   }
   const std::vector<VisiblePlace> places = visible_places(camera, drawn, mesh_.triangles);
   const glm::vec3 eye(camera.center());
-  SeenSurface seen;
+  SurfaceHits seen;
   seen.points.assign(places.size(), {0, 0, 0, 0});
   seen.depths.assign(places.size(), 0);
   for (size_t i = 0; i < places.size(); ++i) {

@@ -9,14 +9,9 @@
 #include "host/avatar/avatar.h"
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/baked_distances.h"
+#include "host/rendering/surface_finder.h"
 
 namespace arah {
-
-// What the centre of each pixel sees of it, row-major, top left first.
-struct SeenSurface {
-  std::vector<std::array<float, 4>> points;  // canonical, metres, w = 1; zeros where there is nothing
-  std::vector<float> depths;                 // metres along the pixel's ray
-};
 
 class SurfaceMesh {
  public:
@@ -31,9 +26,10 @@ class SurfaceMesh {
   // nearest vertices, where the avatar follows these). frame: any pose's constants. Submits.
   SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame);
 
+  // What the centre of each pixel sees of it, row-major, top left first.
   // outline: metres that the mesh is drawn farther out than the surface that its places belong to, because volume rendering
   // with a density that fades over b shows a body that much wider where it is seen from the side.
-  SeenSurface seen(const Pose& pose, const Camera& camera, double outline) const;
+  SurfaceHits seen(const Pose& pose, const Camera& camera, double outline) const;
 
   const TriangleMesh& canonical() const { return mesh_; }  // metres
   std::vector<glm::vec3> posed(const Pose& pose) const;    // its vertices in the world

@@ -41,29 +41,39 @@ std::mt19937_64 step_generator(uint64_t seed, uint64_t step, uint64_t stream) {
 }
 
 // Rays of a step that go forward and back together, a multiple of 64 unless all do; gradients of several passes add up.
-// Unless stated, what a pass keeps is to fit eight times the most that the device binds at once (a CPU device: 1 GiB).
+// Unless stated, as many as the device can bind the activations of.
 uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings) {
   if (settings.rays_at_a_time) return std::min(padded_points(settings.rays_at_a_time), settings.rays);
+  const uint64_t rows = device.report().max_storage_buffer_bytes / (4 * std::max({64u, spec.sdf.width, spec.skinning.width}));
+  const uint64_t rays = std::max<uint64_t>(rows / settings.sampling.samples / point_padding, 1) * point_padding;
+  return static_cast<uint32_t>(std::min<uint64_t>(rays, settings.rays));
+}
+
+// Samples of a pass that can be shaded: few are worth it, and each keeps much for the way back. What they keep is to fit twelve
+// times the most that the device binds at once (a CPU device: 1.5 GiB).
+uint32_t shaded_in_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings, uint32_t pass_rays) {
   const uint64_t widest = std::max<uint64_t>(512, color_widths(spec).front() + spec.color.narrow);
   const uint64_t sdf = uint64_t(spec.sdf.sine_layers) * spec.sdf.width * (spec.color.normal ? 7 : 4);
   const uint64_t color = 4 * widest + 2ull * spec.color.hidden_layers * spec.color.width;
   const uint64_t skinning = 3ull * spec.skinning.hidden_layers * spec.skinning.width;
   const uint64_t bound = device.report().max_storage_buffer_bytes;
-  const uint64_t rows = std::min(bound / (4 * widest), 8 * bound / (4 * (sdf + color + skinning)));
-  const uint64_t rays = std::max<uint64_t>(rows / settings.sampling.samples / point_padding, 1) * point_padding;
-  return static_cast<uint32_t>(std::min<uint64_t>(rays, settings.rays));
+  const uint64_t room = std::min(bound / (4 * widest), 12 * bound / (4 * (sdf + color + skinning))) / point_padding * point_padding;
+  const uint64_t rows = settings.shaded_at_a_time ? std::min<uint64_t>(room, padded_points(settings.shaded_at_a_time)) : room;
+  // at least those of 64 rays, which cannot be halved
+  return static_cast<uint32_t>(std::min<uint64_t>(std::max<uint64_t>(rows, point_padding * settings.sampling.samples), padded_points(pass_rays * settings.sampling.samples)));
 }
 
 }  // namespace
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
-    : samples(device, networks, pass_rays, settings.sampling, RaySamples::Surface::found),
-      shaded(device, networks, pass_rays, settings.sampling.samples),
+    : samples(device, networks, pass_rays, settings.sampling),
+      shaded(device, networks, pass_rays, settings.sampling.samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)),
       eikonal_tape(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
       sign_tape(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
-  if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, rows, settings.skinning_points);
+  if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
+  if (settings.sampling.mode == SamplingMode::surface) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
   // Where memory is too short for all rays together, it is short for this too.
   if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
@@ -247,11 +257,22 @@ void Trainer::record_update(Group& group, size_t index) {
   record_adam(commands_, adam);
 }
 
-void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first, bool skinning_step) {
-  const uint32_t rays = std::min(pass_rays_, settings_.rays - first);
+void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step) {
+  const RootFindingCounts counts = room_.samples.root_finder().counts();
   room_.samples.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
+  if (room_.surface_finder) {
+    SurfaceHits some{{hits.points.begin() + first, hits.points.begin() + first + rays}, {hits.depths.begin() + first, hits.depths.begin() + first + rays}};
+    some.points.resize(padded_points(rays), {0, 0, 0, 0});
+    room_.samples.set_surface(some);
+  }
   room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
-  room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight});
+  if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight})) {
+    room_.samples.root_finder().restore_counts(counts);  // of a pass that did not happen
+    const uint32_t half = padded_points(rays / 2);
+    run_pass(frame, batch, hits, first, half, skinning_step);
+    return run_pass(frame, batch, hits, first + half, rays - half, skinning_step);
+  }
+  passes_done_ += 1;
   shaded_samples_ += room_.shaded.queue().shaded();
 
   // Losses and the way back.
@@ -312,9 +333,12 @@ StepReport Trainer::step(uint64_t steps_left) {
   commands_.stage("weights");
   networks_.record_pack(commands_, row);
   room_.samples.root_finder().reset_counts();
-  shaded_samples_ = 0;
+  shaded_samples_ = passes_done_ = 0;
   room_.samples.set_half_width(half_width(settings_, steps_));
-  for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, first, skinning_step);
+  SurfaceHits hits;
+  // A ray that sphere tracing led astray may be rescued by the joint search.
+  if (room_.surface_finder) hits = room_.samples.search_surface(commands_, frame, images_.camera(batch.place.camera), batch.pixels, *room_.surface_finder, SurfaceFinder::Candidates::in_box);
+  for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, settings_.rays - first), skinning_step);
   commands_.stage("regularisers");
   record_regularisers();
   if (skinning_step) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
@@ -337,6 +361,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.off_surface = losses[off_surface_slot], report.inside = losses[inside_slot];
   if (skinning_step) last_skinning_loss_ = losses[skinning_slot] / (settings_.skinning_weight > 0 ? settings_.skinning_weight : 1);
   report.skinning = last_skinning_loss_;
+  report.passes = passes_done_;
   report.total = settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
                  settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning;
   report.sdf_norm = norms[0].norm;

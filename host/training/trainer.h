@@ -27,6 +27,7 @@ struct StepReport {
   double b = 0;         // metres
   double converged = 0;  // share of the samples whose correspondence was found
   double shaded = 0;     // share of the samples that got a colour, of all places for them
+  uint32_t passes = 0;   // that its rays went in
   uint32_t grid_clamped = 0;  // contributions to the grid's gradient that its fixed-point range cut, since the start
 };
 
@@ -39,7 +40,7 @@ class Trainer {
 
   const TrainingSettings& settings() const { return settings_; }
   uint64_t steps_done() const { return steps_; }
-  uint32_t passes() const { return (settings_.rays + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other
+  uint32_t passes() const { return (settings_.rays + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
   double done() const { return done_; }
 
   // One step. steps_left: how many are still to come, this one included: the schedule's position moves from where it is
@@ -71,6 +72,7 @@ class Trainer {
     Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays);
     RaySamples samples;
     ShadedRays shaded;
+    std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
     SirenTape eikonal_tape, sign_tape;
     std::optional<SkinningGradient> skinning;
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
@@ -87,9 +89,10 @@ class Trainer {
   uint32_t planned_rays();
   Batch draw_batch();
   void upload_regulariser_points();
-  // Losses and gradients of at most pass_rays_ of the batch's rays, from `first` on: losses and raw gradients +=, effective
-  // weight gradients = in the first pass and += in the others. Submits, and leaves the last launches recorded.
-  void run_pass(FrameOnDevice& frame, const Batch& batch, uint32_t first, bool skinning_step);
+  // Losses and gradients of `rays` of the batch's, from `first` on, in halves where more of their samples are to be shaded than
+  // there is room for: losses and raw gradients +=, effective weight gradients = from the batch's first ray on and += later.
+  // Submits, and leaves the last launches recorded.
+  void run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step);
   void record_regularisers();
   void record_update(Group& group, size_t index);
 
@@ -104,6 +107,7 @@ class Trainer {
   Room room_;
   std::vector<Group> groups_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
+  uint32_t passes_done_ = 0;     // of the step so far
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t steps_ = 0;
   double done_ = 0;

@@ -33,6 +33,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("minutes", s.minutes);
   visit("rays", s.rays);
   visit("rays_at_a_time", s.rays_at_a_time);
+  visit("shaded_at_a_time", s.shaded_at_a_time);
   visit("mask_fraction", s.mask_fraction);
   visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
