@@ -1,8 +1,10 @@
 // Launches recorded, run and timed: by the device's own timestamps, or by the clock where it has none.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <functional>
+#include <vector>
 
 #include "kernels/vulkan/commands.h"
 
@@ -10,6 +12,12 @@ namespace arah {
 
 inline double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Of at least one value; the upper one of two in the middle.
+inline double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
 }
 
 // Turns the profile on, empty, while it lives, and puts the caller's own back.

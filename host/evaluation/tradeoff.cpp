@@ -10,6 +10,7 @@
 #include "host/evaluation/evaluate.h"
 #include "host/evaluation/image_metrics.h"
 #include "host/evaluation/picture.h"
+#include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -62,11 +63,6 @@ struct View {
   std::string name;
   int frame = 0;
 };
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
-}
 
 // Mean over the pixels that both see of |depth − exact|, metres, and of the angle between the normals, degrees.
 std::pair<double, double> geometry_errors(const Picture& picture, const Picture& exact) {

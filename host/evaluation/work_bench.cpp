@@ -62,8 +62,7 @@ WorkBench measure_work(Device& device, const std::string& name, const std::strin
     milliseconds.push_back(milliseconds_since(start));
   }
   bench.mean_milliseconds = std::accumulate(milliseconds.begin(), milliseconds.end(), 0.0) / timed;
-  std::nth_element(milliseconds.begin(), milliseconds.begin() + timed / 2, milliseconds.end());
-  bench.median_milliseconds = milliseconds[timed / 2];
+  bench.median_milliseconds = median(milliseconds);
   if (!timestamps) return bench;
 
   device.profiler().enabled = true;

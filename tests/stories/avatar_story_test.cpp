@@ -156,7 +156,11 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   ASSERT_GT(metrics["surface"].size(), 0u);
   EXPECT_GT(metrics["surface"][0]["mean_mm"].get<double>(), 0.1);
   EXPECT_LT(metrics["surface"][0]["mean_mm"].get<double>(), 40.0) << "a template's shape is nearer than that to the clothes";
-  EXPECT_EQ(metrics["render"]["least_weight"], 0) << "figures are those of the exact rendering";
+  EXPECT_EQ(metrics["render"]["least_weight"], 1e-8) << "figures are those of the exact rendering";
+
+  const Outcome searches = arah({"bench", "--avatar", at("whole"), "--quick"});
+  ASSERT_EQ(searches.code, 0) << searches.errors;
+  for (const char* search : {"sphere tracing", "joint search", "correspondence search"}) EXPECT_THAT(searches.output, HasSubstr(search));
 
   // What the approximations cost, and which one to use.
   const Outcome studied = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--pictures", "1", "--repetitions",
