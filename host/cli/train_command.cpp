@@ -120,6 +120,9 @@ void add_train_command(CLI::App& program, Run& run) {
   command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_option("--keep", options->run.keep_minutes, "minutes, with commas between, after which the avatar is also kept, for arah curve: RUN/kept/minutes_5.safetensors")
+      ->delimiter(',')
+      ->check(CLI::Range(0.01, 1e6));
   command->add_flag("--resume", options->run.resume,
                     "go on from the newest checkpoint; with more --steps or --minutes also beyond the end");
   command->add_option("--stop-at", options->run.stop_at, "stop at this step as Ctrl-C would, for --resume to go on")

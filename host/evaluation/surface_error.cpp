@@ -71,14 +71,21 @@ std::vector<glm::dvec3> true_surface(const std::filesystem::path& path) {
   return surface;
 }
 
-}  // namespace
-
-std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, const Capture& capture, const std::string& split, const std::function<void(double)>& progress) {
+std::vector<std::pair<const MotionFrame*, std::filesystem::path>> frames_with_surface(const Capture& capture, const std::string& split) {
   std::vector<std::pair<const MotionFrame*, std::filesystem::path>> frames;
   for (const MotionFrame& frame : motion_of(capture, split).frames) {
     const std::filesystem::path path = capture.path / "meshes" / fmt::format("{}_{:06d}.ply", split, frame.number);
     if (std::filesystem::exists(path)) frames.emplace_back(&frame, path);
   }
+  return frames;
+}
+
+}  // namespace
+
+bool has_surface(const Capture& capture, const std::string& split) { return !frames_with_surface(capture, split).empty(); }
+
+std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, const Capture& capture, const std::string& split, const std::function<void(double)>& progress) {
+  const auto frames = frames_with_surface(capture, split);
   if (frames.empty()) throw InputError((capture.path / "meshes").string(), "", fmt::format("{}_<frame>.ply, the true surface of some frame", split), "none", "Without the true surface leave --surface out.");
   Commands commands(device);
   AvatarNetworks networks(device, avatar, false);

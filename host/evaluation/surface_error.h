@@ -24,6 +24,9 @@ struct SurfaceError {
 std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, const Capture& capture, const std::string& split,
                                          const std::function<void(double)>& progress = {});
 
+// Whether a frame of that split has such a mesh.
+bool has_surface(const Capture& capture, const std::string& split);
+
 // "surface: 4.1 mm in the mean, 95 % within 11.0 mm (6 meshes)".
 std::string describe(const std::vector<SurfaceError>& errors);
 

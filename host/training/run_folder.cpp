@@ -22,6 +22,7 @@ using nlohmann::ordered_json;
 constexpr std::size_t kKeptCheckpoints = 2;
 constexpr const char* kPrefix = "step_";
 constexpr const char* kSuffix = ".safetensors";
+constexpr const char* kKeptPrefix = "minutes_";
 
 std::string read_text(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
@@ -146,9 +147,24 @@ void RunFolder::reopen(const RunConfig& config) {
   if (whole < events.size()) fs::resize_file(events_file(), whole);
 }
 
+fs::path RunFolder::kept_file(double minutes) const { return path_ / "kept" / fmt::format("{}{:g}{}", kKeptPrefix, minutes, kSuffix); }
+
+std::vector<KeptAvatar> RunFolder::kept_avatars() const {
+  std::vector<KeptAvatar> kept;
+  if (!fs::is_directory(path_ / "kept")) return kept;
+  for (const auto& entry : fs::directory_iterator(path_ / "kept")) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with(kKeptPrefix) || !name.ends_with(kSuffix)) continue;
+    kept.push_back({std::atof(name.c_str() + std::string_view(kKeptPrefix).size()), entry.path()});
+  }
+  std::sort(kept.begin(), kept.end(), [](const KeptAvatar& a, const KeptAvatar& b) { return a.minutes < b.minutes; });
+  return kept;
+}
+
 void RunFolder::discard() {
   std::error_code ignored;  // what cannot be removed is whole, and another start names it
   fs::remove_all(checkpoints(), ignored);
+  fs::remove_all(path_ / "kept", ignored);
   for (const fs::path& file : {avatar_file(), events_file(), config_file()}) fs::remove(file, ignored);
   if (made_) fs::remove(path_, ignored);
 }

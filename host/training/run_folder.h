@@ -3,6 +3,7 @@
 //   events.jsonl        what happened, one JSON object a line, appended
 //   checkpoints/step_<8 digits>.safetensors   the newest two: everything that continuing needs
 //   avatar.safetensors  the newest avatar
+//   kept/minutes_<minutes>.safetensors   avatars of its way, where they were asked for
 #pragma once
 
 #include <cstdint>
@@ -31,6 +32,12 @@ std::string capture_fingerprint(const Capture& capture);
 
 RunConfig make_run_config(const Capture& capture, const TrainingSettings& settings, const AvatarSpec& spec);
 
+// An avatar after so many minutes of training.
+struct KeptAvatar {
+  double minutes = 0;
+  std::filesystem::path file;
+};
+
 class RunFolder {
  public:
   explicit RunFolder(std::filesystem::path path) : path_(std::move(path)) {}
@@ -38,6 +45,10 @@ class RunFolder {
   std::filesystem::path config_file() const { return path_ / "config.json"; }
   std::filesystem::path events_file() const { return path_ / "events.jsonl"; }
   std::filesystem::path avatar_file() const { return path_ / "avatar.safetensors"; }
+
+  std::filesystem::path kept_file(double minutes) const;
+  // By minutes; none where none were kept.
+  std::vector<KeptAvatar> kept_avatars() const;
 
   // Makes the folder with its config.json. Throws InputError where it exists and is not empty.
   void create(const RunConfig& config);

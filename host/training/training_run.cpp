@@ -197,7 +197,20 @@ class TrainingRun {
     tell(event);
   }
 
+  // The avatar under the last time that has passed; several pass at once where steps are long.
+  void keep(Trainer& trainer, double passed) {
+    double last = 0;
+    for (const double minutes : options_.keep_minutes)
+      if (60 * minutes > kept_until_ && 60 * minutes <= passed) last = std::max(last, minutes);
+    kept_until_ = std::max(kept_until_, passed);
+    if (last == 0) return;
+    std::filesystem::create_directories(folder_.kept_file(last).parent_path());
+    save_avatar(folder_.kept_file(last), trainer.avatar());
+    log({{"event", "kept"}, {"step", trainer.steps_done()}, {"file", folder_.kept_file(last).filename().string()}});
+  }
+
   RunResult train(Trainer& trainer) {
+    kept_until_ = earlier_;
     RunEvent ready;
     ready.kind = RunEvent::Kind::ready;
     ready.fraction = fraction(trainer);
@@ -224,12 +237,14 @@ class TrainingRun {
       event.fraction = fraction(trainer);
       event.seconds_per_step = pace_.known() ? pace_.seconds() : 0;
       tell(event);
+      keep(trainer, seconds());
       if (seconds() - saved_at >= 60 * settings_.checkpoint_minutes) {
         save(trainer);
         saved_at = seconds();
       }
     }
     const bool stopped = stopped_ && steps_left(trainer) > 0;
+    if (!stopped && settings_.steps == 0) keep(trainer, std::max(seconds(), budget()));  // the last step may end a moment before
     save(trainer);
     ordered_json end{{"event", "end"}, {"step", trainer.steps_done()}, {"stopped", stopped}};
     if (stepped_) end["total"] = last.total;
@@ -248,7 +263,8 @@ class TrainingRun {
   const std::function<bool(const RunEvent&)>& listen_;
   RunFolder folder_;
   Pace pace_;
-  double earlier_ = 0;  // seconds of earlier calls
+  double earlier_ = 0;     // seconds of earlier calls
+  double kept_until_ = 0;  // seconds
   bool stopped_ = false, stepped_ = false;
 };
 

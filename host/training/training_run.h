@@ -15,6 +15,7 @@ namespace arah {
 struct RunOptions {
   std::filesystem::path folder;
   bool resume = false;
+  std::vector<double> keep_minutes;  // of training, the start included, after which an avatar is kept (RunFolder::kept_file)
   uint64_t stop_at = 0;  // steps done in all, at which the run stops as if asked to; 0: never
   // From when this call's share of settings.minutes counts.
   std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();

@@ -85,7 +85,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   const Outcome inspected = arah({"inspect", capture()});
   EXPECT_EQ(inspected.code, 0) << inspected.errors;
 
-  const Outcome whole = arah(training("whole", {"--steps", "6"}));
+  const Outcome whole = arah(training("whole", {"--steps", "6", "--keep", "0.01,1000"}));
   ASSERT_EQ(whole.code, 0) << whole.errors;
   EXPECT_THAT(whole.errors, HasSubstr("because"));  // the choice of parts, with reasons
   const Outcome first = arah(training("parts", {"--steps", "6", "--stop-at", "3"}));
@@ -157,6 +157,15 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_GT(metrics["surface"][0]["mean_mm"].get<double>(), 0.1);
   EXPECT_LT(metrics["surface"][0]["mean_mm"].get<double>(), 40.0) << "a template's shape is nearer than that to the clothes";
   EXPECT_EQ(metrics["render"]["least_weight"], 1e-8) << "figures are those of the exact rendering";
+
+  // The avatar that was kept on the way: after the first step, the fit having taken longer than that.
+  const Outcome no_curve = arah({"curve", capture(), at("parts"), "-o", at("curve")});
+  EXPECT_EQ(no_curve.code, 2);
+  EXPECT_THAT(no_curve.errors, HasSubstr("--keep"));
+  const Outcome curve = arah({"curve", capture(), at("whole"), "-o", at("curve"), "--every", "100"});
+  ASSERT_EQ(curve.code, 0) << curve.errors;
+  EXPECT_THAT(curve.output, testing::MatchesRegex("run,minutes,steps,psnr_views,psnr_motion,surface_mm\nwhole,0.01,1,[0-9.]+,[0-9.]*,[0-9.]+\n"));
+  EXPECT_THAT(read_all(at("curve/curve.html")), HasSubstr("<svg"));
 
   const Outcome searches = arah({"bench", "--avatar", at("whole"), "--quick"});
   ASSERT_EQ(searches.code, 0) << searches.errors;
