@@ -70,6 +70,14 @@ void add_quality_options(CLI::App& command, QualityOptions& quality) {
                      fmt::format("KNOB=VALUE, any number of times: {}", fmt::join(render_knobs(), ", ")));
 }
 
+void add_lpips_option(CLI::App& command, fs::path& network) {
+  command
+      .add_option("--lpips", network,
+                  "also LPIPS, by this network: an ONNX file that takes two pictures (N x 3 x height x width, float32, R G B, values in "
+                  "[-1, 1], sizes left open) and gives one number, as the authors' own exported to ONNX; none comes with the program")
+      ->type_name("FILE.onnx");
+}
+
 fs::path avatar_file(const fs::path& path) {
   if (!fs::is_directory(path)) {
     if (!fs::exists(path))

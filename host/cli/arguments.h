@@ -33,6 +33,9 @@ struct QualityOptions {
 };
 void add_quality_options(CLI::App& command, QualityOptions& quality);
 
+// "--lpips FILE.onnx" into `network`; left empty without it.
+void add_lpips_option(CLI::App& command, std::filesystem::path& network);
+
 inline constexpr const char* kAvatarHelp = "an avatar (.safetensors) or the folder of a training run";
 
 // The avatar's file: the path itself, or avatar.safetensors in the folder of a run. Throws InputError where there is

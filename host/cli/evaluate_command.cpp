@@ -35,6 +35,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   command->add_option("--size", settings.size, "columns that photographs are reduced to (default: as they are)")
       ->check(CLI::Range(1, 8192));
   command->add_flag("--surface", options->surface, "also how far the avatar's surface is from the capture's true one (meshes/), where it has one");
+  add_lpips_option(*command, settings.lpips);
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);

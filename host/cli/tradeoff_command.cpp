@@ -73,7 +73,8 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
   command->add_option("--budget", options->budget, "say which setting is nearest to the exact rendering within this time a picture: 100ms, 2s");
   command->add_option("--max-error", options->max_error,
                       "say which setting is the fastest whose PSNR against the photographs is at most this much below the exact rendering's: 0.1dB");
-  CLI::Option* training = command->add_flag("--training", options->training, "instead of pictures: the time of a training step and how far each approximation moves the gradients")->excludes("--budget")->excludes("--max-error");
+  add_lpips_option(*command, settings.lpips);
+  CLI::Option* training = command->add_flag("--training", options->training, "instead of pictures: the time of a training step and how far each approximation moves the gradients")->excludes("--budget")->excludes("--max-error")->excludes("--lpips");
   command->add_option("--rays", options->rays, "of a training step (default: as the avatar was trained)")->check(CLI::Range(1, 65536))->needs(training);
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);

@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "host/evaluation/image_metrics.h"
+#include "host/evaluation/lpips.h"
 #include "host/evaluation/picture.h"
 #include "host/input_error.h"
 
@@ -68,6 +69,11 @@ std::string row_split(const EvaluationSettings& settings, const Camera& camera) 
   return fmt::format("{} poses, {} views", settings.split, held_out ? "held-out" : "training");
 }
 
+// What the figures mean, that of LPIPS only where it is among them.
+std::string protocol(const EvaluationSettings& settings) {
+  return metrics_definition(kDataRange) + (settings.lpips.empty() ? "" : lpips_definition(settings.lpips));
+}
+
 nlohmann::ordered_json optional_number(const std::optional<double>& value) {
   return value && std::isfinite(*value) ? nlohmann::ordered_json(*value) : nlohmann::ordered_json();
 }
@@ -91,6 +97,8 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                     const std::function<bool(double)>& progress) {
   const std::vector<EvaluationPlace> chosen = evaluation_places(avatar, capture, settings);
   const Motion& motion = motion_of(capture, settings.split);
+  std::optional<Lpips> lpips;
+  if (!settings.lpips.empty()) lpips.emplace(settings.lpips);
   RenderSettings render_settings = settings.render.value_or(render_preset(avatar, "paper"));
   render_settings.normals = settings.pictures;
   Renderer renderer(device, avatar, render_settings);
@@ -98,7 +106,8 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   Evaluation result;
   result.settings = settings;
   const auto start = std::chrono::steady_clock::now();
-  std::vector<double> psnrs, ssims;
+  std::chrono::steady_clock::duration lpips_time{};
+  std::vector<double> psnrs, ssims, distances;
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const EvaluationPlace& place = chosen[i];
     const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
@@ -124,6 +133,11 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
     row.frame = place.frame;
     row.psnr = metrics.psnr;
     row.ssim = metrics.ssim;
+    if (lpips) {
+      const auto began = std::chrono::steady_clock::now();
+      distances.push_back(row.lpips.emplace(lpips->distance({picture.color, w, h}, {truth, w, h}, metrics.crop)));
+      lpips_time += std::chrono::steady_clock::now() - began;
+    }
     if (settings.pictures)
       row.images = {{"photograph", encode_png(truth, w, h, 3)},
                     {"rendering", encode_png(picture.color, w, h, 3)},
@@ -135,8 +149,9 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   }
   result.psnr = mean_of_finite(psnrs);
   result.ssim = mean_of_finite(ssims);
+  result.lpips = mean_of_finite(distances);
   result.root_finding = renderer.root_finder().counts();
-  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start - lpips_time).count();
   return result;
 }
 
@@ -144,49 +159,53 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
                             const Capture& capture, const Device& device) {
   using nlohmann::ordered_json;
   ordered_json images = ordered_json::array();
-  for (const ReportRow& row : evaluation.rows)
+  for (const ReportRow& row : evaluation.rows) {
     images.push_back({{"frame", row.frame},
                       {"camera", row.camera},
                       {"psnr", optional_number(row.psnr)},
                       {"ssim", optional_number(row.ssim)}});
+    if (row.lpips) images.back()["lpips"] = *row.lpips;
+  }
   const RootFindingCounts& counts = evaluation.root_finding;
   ordered_json surface = ordered_json::array();
   for (const SurfaceError& error : evaluation.surface) surface.push_back({{"frame", error.frame}, {"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}});
-  return ordered_json{
-             {"mean", {{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}}},
-             {"images", images},
-             {"split", evaluation.settings.split},
-             {"cameras", evaluation.settings.cameras},
-             {"every", evaluation.settings.every},
-             {"size", evaluation.settings.size},
-             {"render", ordered_json::parse(render_settings_json(evaluation.settings.render.value_or(render_preset(avatar, "paper"))))},
-             {"protocol", metrics_definition(kDataRange)},
-             {"avatar", avatar_path},
-             {"capture", capture.path.string()},
-             {"device", device.report().name},
-             {"driver", device.report().driver},
-             {"version", kVersion},
-             {"avatar_version", avatar.version},
-             {"seed", avatar.seed},
-             {"steps", avatar.steps},
-             {"root_finding",
-              {{"points", counts.points},
-               {"converged", counts.converged},
-               {"diverged", counts.diverged},
-               {"exhausted", counts.exhausted},
-               {"steps", counts.steps}}},
-             {"seconds", evaluation.seconds},
-             {"surface", surface},
-         }
-             .dump(1) +
-         "\n";
+  ordered_json mean{{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}};
+  if (evaluation.lpips) mean["lpips"] = *evaluation.lpips;
+  ordered_json json{
+      {"mean", mean},
+      {"images", images},
+      {"split", evaluation.settings.split},
+      {"cameras", evaluation.settings.cameras},
+      {"every", evaluation.settings.every},
+      {"size", evaluation.settings.size},
+      {"render", ordered_json::parse(render_settings_json(evaluation.settings.render.value_or(render_preset(avatar, "paper"))))},
+      {"protocol", protocol(evaluation.settings)},
+      {"avatar", avatar_path},
+      {"capture", capture.path.string()},
+      {"device", device.report().name},
+      {"driver", device.report().driver},
+      {"version", kVersion},
+      {"avatar_version", avatar.version},
+      {"seed", avatar.seed},
+      {"steps", avatar.steps},
+      {"root_finding",
+       {{"points", counts.points},
+        {"converged", counts.converged},
+        {"diverged", counts.diverged},
+        {"exhausted", counts.exhausted},
+        {"steps", counts.steps}}},
+      {"seconds", evaluation.seconds},
+      {"surface", surface},
+  };
+  if (!evaluation.settings.lpips.empty()) json["lpips_network"] = evaluation.settings.lpips.string();
+  return json.dump(1) + "\n";
 }
 
 Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avatar, const std::string& avatar_path,
                          const Capture& capture, const Device& device) {
   Report report;
   report.title = "Evaluation of " + avatar_path;
-  report.definition = metrics_definition(kDataRange);
+  report.definition = evaluations.empty() ? metrics_definition(kDataRange) : protocol(evaluations.front().settings);
   report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset,
                                          avatar.steps, avatar.seed)},
                   {"capture", capture.path.string()},
@@ -207,10 +226,11 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
 }
 
 std::string describe(const Evaluation& evaluation) {
-  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {} ({} pictures)", evaluation.settings.split,
+  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {}{} ({} pictures)", evaluation.settings.split,
                      evaluation.settings.cameras,
                      evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
-                     evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined", evaluation.rows.size()) +
+                     evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined",
+                     evaluation.lpips ? fmt::format(", LPIPS {:.4f}", *evaluation.lpips) : "", evaluation.rows.size()) +
          (evaluation.surface.empty() ? "" : "; " + describe(evaluation.surface));
 }
 

@@ -1,6 +1,7 @@
 // How near an avatar's renderings are to a capture's photographs, picture by picture (ARAH.md, "Metrics").
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
@@ -25,6 +26,7 @@ struct EvaluationSettings {
   int every = 1;                     // takes every so-many-th frame that has a picture, camera by camera
   int size = 0;                      // columns that photographs are reduced to; 0: as they are
   std::optional<RenderSettings> render;  // none: exact
+  std::filesystem::path lpips;       // the network's file (lpips.h); empty: LPIPS is not measured
   bool pictures = true;              // keep photograph, rendering, error and normals for the report
 };
 
@@ -33,6 +35,7 @@ struct Evaluation {
   std::vector<ReportRow> rows;  // by frame, then camera
   std::optional<double> psnr;   // mean over the pictures, dB; absent where none is finite
   std::optional<double> ssim;   // mean over the pictures; absent where none has one
+  std::optional<double> lpips;  // mean over the pictures; absent where it was not measured
   RootFindingCounts root_finding;
   double seconds = 0;  // of rendering
   std::vector<SurfaceError> surface;  // where it was measured; evaluate() leaves it empty
@@ -45,16 +48,17 @@ std::vector<EvaluationPlace> evaluation_places(const Avatar& avatar, const Captu
 std::vector<float> rgb_on_black(const Image& image);
 
 // PSNR over the pixels of the projected box of the posed template ± 5 cm, photographs on black; SSIM on that region's
-// bounding rectangle, data range 1; no 8-bit rounding. A frame without a latent code of its own takes the last one.
+// bounding rectangle, data range 1; LPIPS on that rectangle too, where wanted; no 8-bit rounding. A frame without a latent code of its own takes the last one.
 // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
 // Throws InputError: a split or camera that the capture does not have, no picture to compare with, a person of whom
-// nothing is in view, a template with another skeleton than the avatar's, a picture that cannot be read.
+// nothing is in view, a template with another skeleton than the avatar's, a picture that cannot be read, a file that is not the
+// LPIPS network (read before anything is rendered).
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
                     const std::function<bool(double)>& progress = {});
 
-// {"mean": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim"}], "split", "protocol", "avatar", "capture",
+// {"mean": {"psnr", "ssim", "lpips"}, "images": [{"frame", "camera", "psnr", "ssim", "lpips"}], "lpips_network", "split", "protocol", "avatar", "capture",
 // "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm"}]}; what is not
-// defined, such as the PSNR of identical pictures, is null. avatar_path: as the user knows it.
+// defined, such as the PSNR of identical pictures, is null, and "lpips" and "lpips_network" are there only where it was measured. avatar_path: as the user knows it.
 std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,
                             const Capture& capture, const Device& device);
 

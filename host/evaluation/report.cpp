@@ -79,6 +79,7 @@ struct Summary {
   std::string split;
   std::vector<double> psnr;
   std::vector<double> ssim;
+  std::vector<double> lpips;
 };
 
 Summary summarise(const Report& report, const std::string* split) {
@@ -88,8 +89,13 @@ Summary summarise(const Report& report, const std::string* split) {
     if (split && row.split != *split) continue;
     summary.psnr.push_back(row.psnr);
     if (row.ssim) summary.ssim.push_back(*row.ssim);
+    if (row.lpips) summary.lpips.push_back(*row.lpips);
   }
   return summary;
+}
+
+bool has_lpips(const Report& report) {
+  return std::any_of(report.rows.begin(), report.rows.end(), [](const ReportRow& row) { return row.lpips.has_value(); });
 }
 
 template <typename Value>
@@ -104,23 +110,28 @@ std::string summary_section(const Report& report) {
   for (const std::string& split : splits) summaries.push_back(summarise(report, &split));
   const Summary all = summarise(report, nullptr);
   if (splits.size() > 1) summaries.push_back(all);
+  const bool lpips = has_lpips(report);
 
   std::string html = "<div class=\"cards\">";
   auto out = std::back_inserter(html);
   fmt::format_to(out, "<div class=\"card\"><b>{} dB</b>mean PSNR</div>", number(mean_of_finite(all.psnr), 2));
   fmt::format_to(out, "<div class=\"card\"><b>{}</b>mean SSIM</div>", number(mean_of_finite(all.ssim), 4));
+  if (lpips) fmt::format_to(out, "<div class=\"card\"><b>{}</b>mean LPIPS</div>", number(mean_of_finite(all.lpips), 4));
   fmt::format_to(out, "<div class=\"card\"><b>{}</b>{}</div></div>\n", all.psnr.size(),
                  all.psnr.size() == 1 ? "picture" : "pictures");
 
   html +=
       "<div class=\"scroll\"><table><tr><th class=\"left\">split</th><th>pictures</th><th>mean PSNR (dB)</th>"
-      "<th>lowest PSNR (dB)</th><th>mean SSIM</th></tr>\n";
+      "<th>lowest PSNR (dB)</th><th>mean SSIM</th>";
+  html += lpips ? "<th>mean LPIPS</th></tr>\n" : "</tr>\n";
   for (const Summary& summary : summaries) {
     double lowest = std::numeric_limits<double>::quiet_NaN();
     for (double psnr : summary.psnr) lowest = std::fmin(lowest, psnr);
-    fmt::format_to(out, "<tr><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
+    fmt::format_to(out, "<tr><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>",
                    escape_html(summary.split), summary.psnr.size(), number(mean_of_finite(summary.psnr), 2),
                    number(lowest, 2), number(mean_of_finite(summary.ssim), 4));
+    if (lpips) fmt::format_to(out, "<td>{}</td>", number(mean_of_finite(summary.lpips), 4));
+    html += "</tr>\n";
   }
   html += "</table></div>\n";
 
@@ -136,6 +147,8 @@ std::string summary_section(const Report& report) {
     fmt::format_to(out, "<p class=\"quiet\">Left out of the mean SSIM: {} without one.</p>\n",
                    all.psnr.size() - all.ssim.size());
   }
+  if (lpips && all.lpips.size() < all.psnr.size())
+    fmt::format_to(out, "<p class=\"quiet\">Left out of the mean LPIPS: {} without one.</p>\n", all.psnr.size() - all.lpips.size());
   return html;
 }
 
@@ -148,11 +161,14 @@ std::string table_section(const Report& report) {
       "<div class=\"scroll\"><table><tr><th class=\"left\">picture</th><th class=\"left\">split</th>"
       "<th>PSNR (dB)</th><th>SSIM</th>";
   auto out = std::back_inserter(html);
+  const bool lpips = has_lpips(report);
+  if (lpips) html += "<th>LPIPS</th>";
   for (const std::string& name : measures) fmt::format_to(out, "<th>{}</th>", escape_html(name));
   html += "</tr>\n";
   for (const ReportRow& row : report.rows) {
     fmt::format_to(out, "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td>{}</td><td>{}</td>", row_name(row),
                    escape_html(row.split), number(row.psnr, 2), number(row.ssim, 4));
+    if (lpips) fmt::format_to(out, "<td>{}</td>", number(row.lpips, 4));
     for (const std::string& name : measures) {
       const auto found =
           std::find_if(row.measures.begin(), row.measures.end(), [&](const auto& m) { return m.first == name; });
@@ -198,9 +214,10 @@ std::string pictures_section(const Report& report) {
   auto out = std::back_inserter(html);
   for (const ReportRow* row : rows) {
     fmt::format_to(out,
-                   "<section class=\"shot\"><h3>{} <span class=\"quiet\">{} · PSNR {} dB · SSIM {}</span></h3>\n<div "
+                   "<section class=\"shot\"><h3>{} <span class=\"quiet\">{} · PSNR {} dB · SSIM {}{}</span></h3>\n<div "
                    "class=\"pictures\">",
-                   row_name(*row), escape_html(row->split), number(row->psnr, 2), number(row->ssim, 4));
+                   row_name(*row), escape_html(row->split), number(row->psnr, 2), number(row->ssim, 4),
+                   row->lpips ? " · LPIPS " + number(*row->lpips, 4) : "");
     for (const ReportImage& image : row->images) {
       const std::string label = escape_html(image.label);
       fmt::format_to(out, "<figure><img loading=\"lazy\" alt=\"{}, {}\" src=\"data:image/png;base64,", label,

@@ -25,6 +25,7 @@ struct ReportRow {
   std::optional<double> ssim;                            // absent where it is not defined
   std::vector<std::pair<std::string, double>> measures;  // further columns, with their units: {"depth error (mm)", 3.2}
   std::vector<ReportImage> images;                       // shown side by side in this order; may be empty
+  std::optional<double> lpips;                           // absent where it was not measured; its column where a row has one
 };
 
 struct Report {

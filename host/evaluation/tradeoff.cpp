@@ -9,6 +9,7 @@
 
 #include "host/evaluation/evaluate.h"
 #include "host/evaluation/image_metrics.h"
+#include "host/evaluation/lpips.h"
 #include "host/evaluation/picture.h"
 #include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
@@ -87,6 +88,8 @@ class Study {
  public:
   Study(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress)
       : device_(device), avatar_(avatar), settings_(settings), progress_(progress), views_(evaluation_views(avatar, capture, settings)) {
+    if (!settings.lpips.empty()) lpips_.emplace(settings.lpips);
+    result_.lpips = settings.lpips;
     if (settings.repetitions < 1) throw InputError("--repetitions", "", "at least 1", fmt::format("{}", settings.repetitions));
   }
 
@@ -198,7 +201,7 @@ class Study {
     settings.normals = true;
     settings.memory_bytes = memory_of_errors;
     Renderer renderer(device_, avatar_, settings);
-    std::vector<double> psnr_exact, psnr_photograph, ssim_exact, ssim_photograph;
+    std::vector<double> psnr_exact, psnr_photograph, ssim_exact, ssim_photograph, lpips_exact, lpips_photograph;
     for (std::size_t i = 0; i < views_.size(); ++i) {
       const View& view = views_[i];
       rendered.push_back(renderer.render(view.camera, view.pose, view.latent_row));
@@ -210,6 +213,10 @@ class Study {
       psnr_photograph.push_back(to_photograph.psnr);
       if (to_exact.ssim) ssim_exact.push_back(*to_exact.ssim);
       if (to_photograph.ssim) ssim_photograph.push_back(*to_photograph.ssim);
+      if (lpips_) {
+        lpips_exact.push_back(lpips_->distance({rendered[i].color, w, h}, {exact.color, w, h}, to_exact.crop));
+        lpips_photograph.push_back(lpips_->distance({rendered[i].color, w, h}, {view.photograph, w, h}, to_photograph.crop));
+      }
       const auto [depth, normal] = geometry_errors(rendered[i], exact);
       point.depth_error += depth / static_cast<double>(views_.size());
       point.normal_error += normal / static_cast<double>(views_.size());
@@ -221,6 +228,8 @@ class Study {
     point.psnr = mean(psnr_photograph).value_or(std::numeric_limits<double>::infinity());
     point.ssim_exact = mean(ssim_exact);
     point.ssim = mean(ssim_photograph);
+    point.lpips_exact = mean(lpips_exact);
+    point.lpips = mean(lpips_photograph);
     point.milliseconds = median(times);
     point.milliseconds_same_pose = median(times_same_pose);
     point.fastest = *std::min_element(times.begin(), times.end());
@@ -247,6 +256,7 @@ class Study {
         row.frame = view.frame;
         row.psnr = metrics.psnr;
         row.ssim = metrics.ssim;
+        if (lpips_) row.lpips = lpips_->distance({rendered[i].color, w, h}, {view.photograph, w, h}, metrics.crop);
         row.images = {{"photograph", encode_png(view.photograph, w, h, 3)},
                       {"preset " + name, encode_png(rendered[i].color, w, h, 3)},
                       {"against the exact one ×4", encode_png(error_map(rendered[i].color, exact_[i].color, w, h), w, h, 3)},
@@ -261,11 +271,14 @@ class Study {
   const TradeoffSettings& settings_;
   const std::function<void(double, const std::string&)>& progress_;
   std::vector<View> views_;
+  std::optional<Lpips> lpips_;
   std::vector<Picture> exact_;
   std::vector<std::pair<std::string, std::vector<Picture>>> presets_;
   Tradeoff result_;
   double total_ = 1;
 };
+
+std::string lpips_text(const std::optional<double>& value) { return value ? fmt::format(", LPIPS {:.4f}", *value) : ""; }
 
 std::string optional_text(const std::optional<double>& value, const char* format) { return value ? fmt::format(fmt::runtime(format), *value) : ""; }
 
@@ -296,12 +309,14 @@ std::string tradeoff_csv(const Tradeoff& tradeoff) {
       if (std::find(stages.begin(), stages.end(), stage) == stages.end()) stages.push_back(stage);
   std::string text =
       "setting,milliseconds,fastest,slowest,milliseconds_same_pose,baking_milliseconds,gflop,rays,samples_a_ray,shaded_a_ray,search_steps_a_sample,found,memory_mb,psnr_exact,ssim_exact,psnr_photograph,ssim_photograph,depth_error_mm,normal_error_degrees,pareto";
+  if (!tradeoff.lpips.empty()) text += ",lpips_exact,lpips_photograph";
   for (const std::string& stage : stages) text += "," + stage + " ms";
   text += "\n";
   for (const TradeoffPoint& p : tradeoff.points) {
     text += fmt::format("\"{}\",{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.3f},{:.0f},{:.2f},{:.2f},{:.3f},{:.5f},{:.1f},{:.3f},{},{:.3f},{},{:.4f},{:.3f},{}", p.name, p.milliseconds, p.fastest, p.slowest, p.milliseconds_same_pose, p.baking_milliseconds, p.gflop, p.rays, p.samples_a_ray,
                         p.shaded_a_ray, p.search_steps_a_sample, p.found, double(p.memory_bytes) * 1e-6, p.psnr_exact, optional_text(p.ssim_exact, "{:.5f}"), p.psnr, optional_text(p.ssim, "{:.5f}"), 1000 * p.depth_error,
                         p.normal_error, p.pareto ? 1 : 0);
+    if (!tradeoff.lpips.empty()) text += fmt::format(",{},{}", optional_text(p.lpips_exact, "{:.5f}"), optional_text(p.lpips, "{:.5f}"));
     for (const std::string& stage : stages) {
       const auto found = std::find_if(p.stages.begin(), p.stages.end(), [&](const auto& entry) { return entry.first == stage; });
       text += found == p.stages.end() ? "," : fmt::format(",{:.2f}", found->second);
@@ -331,10 +346,16 @@ Plot tradeoff_plot(const Tradeoff& tradeoff) {
 }
 
 std::string tradeoff_table(const Tradeoff& tradeoff) {
-  std::string text = fmt::format("{:<54}{:>9}{:>15}{:>9}{:>9}{:>9}{:>9}{:>9}{:>8}{:>9}{:>8}\n", "setting", "ms", "(spread)", "posed ms", "bake ms", "exact dB", "photo dB", "depth mm", "norm °", "shaded", "steps");
-  for (const TradeoffPoint& p : tradeoff.points)
-    text += fmt::format("{:<54}{:>9.1f}{:>15}{:>9.1f}{:>9.0f}{:>9}{:>9.2f}{:>9.2f}{:>8.2f}{:>9.2f}{:>8.2f}{}\n", p.name, p.milliseconds, fmt::format("({:.0f}-{:.0f})", p.fastest, p.slowest), p.milliseconds_same_pose, p.baking_milliseconds,
-                        std::isfinite(p.psnr_exact) ? fmt::format("{:.2f}", p.psnr_exact) : "same", p.psnr, 1000 * p.depth_error, p.normal_error, p.shaded_a_ray, p.search_steps_a_sample, p.pareto ? "  *" : "");
+  const bool lpips = !tradeoff.lpips.empty();
+  std::string text = fmt::format("{:<54}{:>9}{:>15}{:>9}{:>9}{:>9}{:>9}{:>9}{:>8}{:>9}{:>8}", "setting", "ms", "(spread)", "posed ms", "bake ms", "exact dB", "photo dB", "depth mm", "norm °", "shaded", "steps");
+  if (lpips) text += fmt::format("{:>12}{:>12}", "exact LPIPS", "photo LPIPS");
+  text += "\n";
+  for (const TradeoffPoint& p : tradeoff.points) {
+    text += fmt::format("{:<54}{:>9.1f}{:>15}{:>9.1f}{:>9.0f}{:>9}{:>9.2f}{:>9.2f}{:>8.2f}{:>9.2f}{:>8.2f}", p.name, p.milliseconds, fmt::format("({:.0f}-{:.0f})", p.fastest, p.slowest), p.milliseconds_same_pose, p.baking_milliseconds,
+                        std::isfinite(p.psnr_exact) ? fmt::format("{:.2f}", p.psnr_exact) : "same", p.psnr, 1000 * p.depth_error, p.normal_error, p.shaded_a_ray, p.search_steps_a_sample);
+    if (lpips) text += fmt::format("{:>12}{:>12}", optional_text(p.lpips_exact, "{:.4f}"), optional_text(p.lpips, "{:.4f}"));
+    text += p.pareto ? "  *\n" : "\n";
+  }
   return text +
          "ms: a picture of a new pose. posed ms: another picture of that pose. bake ms: once for each code, before its first picture\n"
          "* nothing measured is both faster and nearer to the exact rendering\n";
@@ -344,11 +365,11 @@ Report tradeoff_report(Tradeoff tradeoff, const Avatar& avatar, const std::strin
   Report report;
   report.title = "Speed against accuracy: " + avatar_path;
   report.summary = fmt::format("{} settings, {} pictures of {} × {}, {} repetitions each; times are medians of whole pictures of a new pose.", tradeoff.points.size(), tradeoff.pictures_measured, tradeoff.width, tradeoff.height, tradeoff.repetitions);
-  report.definition = metrics_definition(kDataRange);
+  report.definition = metrics_definition(kDataRange) + (tradeoff.lpips.empty() ? "" : lpips_definition(tradeoff.lpips));
   report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset, avatar.steps, avatar.seed)}, {"capture", capture.path.string()}, {"device", fmt::format("{} ({})", tradeoff.device, tradeoff.driver)}};
   for (const TradeoffPoint& p : tradeoff.points)
-    report.facts.emplace_back(p.name + (p.pareto ? " *" : ""), fmt::format("{:.0f} ms ({:.0f} to {:.0f}), {:.0f} ms for another picture of the same pose, {:.0f} ms of baking before the first; {:.2f} GFLOP; against the exact rendering {}, depth {:.2f} mm, normals {:.2f}°; against photographs {:.2f} dB; {:.1f} samples a ray, {:.1f} shaded", p.milliseconds, p.fastest, p.slowest, p.milliseconds_same_pose, p.baking_milliseconds, p.gflop,
-                                                                           std::isfinite(p.psnr_exact) ? fmt::format("{:.2f} dB", p.psnr_exact) : "the same picture", 1000 * p.depth_error, p.normal_error, p.psnr, p.samples_a_ray, p.shaded_a_ray));
+    report.facts.emplace_back(p.name + (p.pareto ? " *" : ""), fmt::format("{:.0f} ms ({:.0f} to {:.0f}), {:.0f} ms for another picture of the same pose, {:.0f} ms of baking before the first; {:.2f} GFLOP; against the exact rendering {}{}, depth {:.2f} mm, normals {:.2f}°; against photographs {:.2f} dB{}; {:.1f} samples a ray, {:.1f} shaded", p.milliseconds, p.fastest, p.slowest, p.milliseconds_same_pose, p.baking_milliseconds, p.gflop,
+                                                                           std::isfinite(p.psnr_exact) ? fmt::format("{:.2f} dB", p.psnr_exact) : "the same picture", lpips_text(p.lpips_exact), 1000 * p.depth_error, p.normal_error, p.psnr, lpips_text(p.lpips), p.samples_a_ray, p.shaded_a_ray));
   report.plots = {tradeoff_plot(tradeoff)};
   report.rows = std::move(tradeoff.pictures);
   return report;

@@ -2,6 +2,7 @@
 // stage, work, and errors against the exact rendering and against photographs.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
@@ -21,6 +22,7 @@ struct TradeoffSettings {
   int size = 0;                      // columns; 0: as they are
   int repetitions = 3;               // of each picture, after one that is not counted
   bool presets_alone = false;        // not each knob
+  std::filesystem::path lpips;       // as EvaluationSettings
 };
 
 // One setting: its cost, the median over pictures and repetitions, and its errors, the mean over pictures.
@@ -38,6 +40,7 @@ struct TradeoffPoint {
   double psnr_exact = 0;                                    // against the exact rendering, dB; +infinity: the same
   double psnr = 0;                                          // against the photographs, inside the body's box, dB
   std::optional<double> ssim_exact, ssim;
+  std::optional<double> lpips_exact, lpips;  // where it was measured
   double depth_error = 0;   // metres, mean over the pixels that both see
   double normal_error = 0;  // degrees, likewise
   bool pareto = false;      // nothing measured is both faster and nearer to the exact rendering
@@ -48,6 +51,7 @@ struct Tradeoff {
   std::vector<ReportRow> pictures;    // photograph, exact, and each preset with its error
   std::string device, driver;
   int width = 0, height = 0, pictures_measured = 0, repetitions = 0;
+  std::filesystem::path lpips;  // the network; empty: not measured
 };
 
 // progress: the part done, 0..1, and what is being measured. Throws InputError as evaluate does.

@@ -91,6 +91,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   grid_clamped = make("count of clamped gradients", 4, BufferPlace::shared);
   losses = make("losses", loss_slots * 4, BufferPlace::shared);
   targets = make("photographs", padded_points(settings.rays) * 16ull);
+  if (settings.ray_importance > 0) ray_weights = make("weights of rays", padded_points(settings.rays) * 4ull);
   d_colors = make("gradient of colours", rays * 16ull);
   partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
   squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
@@ -144,20 +145,55 @@ Trainer::Batch Trainer::draw_batch() {
   Batch batch;
   // A picture in which no ray meets the shell (the person out of view) has nothing to teach; a few may be met in a row.
   for (int tries = 0;; ++tries) {
-    batch.place = images_.places()[below(images_.places().size())];
+    batch.number = below(images_.places().size());
+    batch.place = images_.places()[batch.number];
     const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);
     if (image.person.empty() && image.around.empty()) {
       if (tries > 1000) throw InputError("capture", "pictures", "a person in view of the training cameras", "no ray that comes near the posed template", "Check cameras and poses with arah inspect.");
       continue;
     }
-    const auto on_person = image.around.empty() ? settings_.rays : image.person.empty() ? 0u : static_cast<uint32_t>(std::lround(settings_.rays * settings_.mask_fraction));
+    batch.on_person = image.around.empty() ? settings_.rays : image.person.empty() ? 0u : static_cast<uint32_t>(std::lround(settings_.rays * settings_.mask_fraction));
+    if (settings_.ray_importance > 0) {
+      draw_by_importance(batch, image, generator);
+      return batch;
+    }
     for (uint32_t ray = 0; ray < settings_.rays; ++ray) {
-      const auto& pool = ray < on_person ? image.person : image.around;
+      const auto& pool = ray < batch.on_person ? image.person : image.around;
       const TrainingImage::Pixel& pixel = pool[below(pool.size())];
       batch.pixels.push_back(pixel.place);
       batch.targets.push_back(pixel.target);
     }
     return batch;
+  }
+}
+
+void Trainer::draw_by_importance(Batch& batch, const TrainingImage& image, std::mt19937_64& generator) {
+  for (const bool person : {true, false}) {
+    const uint32_t rays = person ? batch.on_person : settings_.rays - batch.on_person;
+    if (rays == 0) continue;
+    const auto& pixels = person ? image.person : image.around;
+    PoolImportance& pool = importance_.pool(batch.number, person, pixels);
+    pool.prepare(settings_.ray_importance);
+    for (uint32_t ray = 0; ray < rays; ++ray) {
+      const PoolImportance::Drawn drawn = pool.draw(generator);
+      batch.pixels.push_back(pixels[drawn.pixel].place);
+      batch.targets.push_back(pixels[drawn.pixel].target);
+      batch.drawn.push_back(drawn.pixel);
+      batch.weights.push_back(drawn.weight);
+    }
+  }
+}
+
+void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
+  commands_.submit_and_wait();
+  const auto colors = device_.download<float>(room_.shaded.colors().elements(0, 4ull * rays));
+  const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);  // in store since its rays were drawn
+  for (uint32_t ray = 0; ray < rays; ++ray) {
+    // |rgb - photograph| summed over channels, and |Σw - mask|: bounded, unlike the cross entropy, so that no ray drowns the others.
+    double error = 0;
+    for (size_t channel = 0; channel < 4; ++channel) error += std::abs(double{colors[4 * ray + channel]} - double{batch.targets[first + ray][channel]});
+    const bool person = first + ray < batch.on_person;
+    importance_.pool(batch.number, person, person ? image.person : image.around).see(batch.drawn[first + ray], error);
   }
 }
 
@@ -288,6 +324,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   image.losses = room_.losses.slice();
   image.slot = color_slot;
   image.partials = room_.partials.slice();
+  if (settings_.ray_importance > 0) image.weights = room_.ray_weights.slice().sub(first * 4ull, padded_points(rays) * 4ull);
   record_image_loss(commands_, image);
   commands_.stage("compositing backward");
   Field& field = room_.shaded.field();
@@ -312,6 +349,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   field.record_backward(commands_, room_.shaded.inputs(), field_back);
   commands_.stage("skinning backward");
   if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), first > 0, room_.scratch.slice());
+  if (settings_.ray_importance > 0) note_errors(batch, first, rays);
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
@@ -320,6 +358,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   FrameOnDevice& frame = images_.frame(batch.place.frame);
   const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
   device_.upload(room_.targets.slice(), batch.targets);
+  if (settings_.ray_importance > 0) device_.upload(room_.ray_weights.slice(), batch.weights);
   upload_regulariser_points();
   const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
@@ -402,6 +441,7 @@ SafetensorsFile Trainer::checkpoint() {
   for (const Group& group : groups_) updates.push_back(static_cast<int64_t>(group.updates));
   file.tensors["optimizer.updates"] = Tensor::from<int64_t>({static_cast<int64_t>(updates.size())}, updates);
   if (!grid_parameters_.empty()) file.tensors["training.grid_parameters"] = Tensor::from<float>({static_cast<int64_t>(grid_parameters_.size())}, grid_parameters_);
+  if (settings_.ray_importance > 0) importance_.save(file, images_.places().size());
   file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
   file.tensors["training.last_skinning_loss"] = Tensor::from<double>({}, std::vector<double>{last_skinning_loss_});
   return file;
@@ -421,6 +461,7 @@ void Trainer::resume(const SafetensorsFile& file) {
   done_ = file.values<double>("training.done", {})[0];
   last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
   steps_ = saved.steps;
+  if (settings_.ray_importance > 0) importance_.load(file, images_.places().size());
   // The grids of the frames as they were: solved with the parameters of then.
   if (!file.tensors.contains("training.grid_parameters")) return;
   const ParameterGroup& group = networks_.layout().group("skinning");

@@ -11,6 +11,7 @@
 #include "host/avatar/safetensors.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/training/ray_importance.h"
 #include "host/training/skinning_gradient.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
@@ -18,7 +19,8 @@
 
 namespace arah {
 
-// Unweighted values of the terms of one step (ARAH.md §7), and what else is worth a line in the log.
+// Unweighted values of the terms of one step (ARAH.md §7), and what else is worth a line in the log. Where rays are drawn by
+// importance, colour and mask are what all rays by chance would give in the mean.
 struct StepReport {
   uint64_t step = 0;  // steps done, this one included
   double color = 0, alpha = 0, eikonal = 0, off_surface = 0, inside = 0, skinning = 0;  // skinning: of the last step that had it
@@ -64,8 +66,13 @@ class Trainer {
   };
   struct Batch {
     TrainingImages::Place place;
+    size_t number = 0;  // of the place
+    uint32_t on_person = 0;  // the first so many of the rays
     std::vector<uint32_t> pixels;
     std::vector<std::array<float, 4>> targets;
+    // Where rays are drawn by importance:
+    std::vector<size_t> drawn;   // of the pool's pixels
+    std::vector<float> weights;  // of the rays' losses
   };
   // What a step works in beside the networks, for so many rays of a pass.
   struct Room {
@@ -79,6 +86,7 @@ class Trainer {
     Buffer first_moments, second_moments, averages;     // of the parameters
     Buffer grid_sums, grid_clamped, squares, norms;     // of the gradients
     Buffer losses, targets, d_colors, partials, scratch;
+    Buffer ray_weights;  // where rays are drawn by importance
   };
   bool with_grids() const { return with_grids(avatar_.spec, settings_); }
   static bool with_grids(const AvatarSpec& spec, const TrainingSettings& settings) {
@@ -88,6 +96,10 @@ class Trainer {
   void solve_correspondences();
   uint32_t planned_rays();
   Batch draw_batch();
+  // The batch's pixels by importance: as many on the person and around as by chance, each pool's by PoolImportance.
+  void draw_by_importance(Batch& batch, const TrainingImage& image, std::mt19937_64& generator);
+  // Notes how far the colours of `rays` of the batch's rays, from `first` on, are from the photograph. Submits.
+  void note_errors(const Batch& batch, uint32_t first, uint32_t rays);
   void upload_regulariser_points();
   // Losses and gradients of `rays` of the batch's, from `first` on, in halves where more of their samples are to be shaded than
   // there is room for: losses and raw gradients +=, effective weight gradients = from the batch's first ray on and += later.
@@ -102,6 +114,7 @@ class Trainer {
   Commands commands_;
   TrainingImages images_;
   TemplateSamples template_samples_;
+  RayImportance importance_;
   uint32_t pass_rays_;
   AvatarNetworks networks_;
   Room room_;

@@ -35,6 +35,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("rays_at_a_time", s.rays_at_a_time);
   visit("shaded_at_a_time", s.shaded_at_a_time);
   visit("mask_fraction", s.mask_fraction);
+  visit("ray_importance", s.ray_importance);
   visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
   visit("around_surface", s.sampling.around_surface);
@@ -201,6 +202,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   reader.refuse_unknown();
   if (settings.grid_steps == 0) throw InputError(where, "grid_steps", "at least 1", "0");
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
+  // Above, one ray's weight could be more than ten times another's.
+  if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
   if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;

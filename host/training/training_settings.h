@@ -30,6 +30,7 @@ struct TrainingSettings {
   uint32_t rays_at_a_time = 0;   // of them, rounded up to a multiple of 64; 0: as many as the device has room for
   uint32_t shaded_at_a_time = 0;  // of the samples of these rays; more go in halves. At least those of 64 rays; 0: as many as the device has room for
   double mask_fraction = 0.6;    // of them on the person, the others in the shell around
+  double ray_importance = 0;     // share of them drawn where the picture was wrong before, 0..0.9 (ray_importance.h); 0: all by chance
   SamplingSettings sampling;
   // surface: the dense samples begin within half_width_start metres of the surface instead of half_width, and come to the
   // latter linearly over half_width_steps, so that a shape that is still far from the pictures is seen. 0: half_width from the start.

@@ -17,14 +17,15 @@ static double sigmoid(double x) {
 }
 
 ColorLoss color_loss(std::span<const Rgb> rendered, std::span<const Rgb> photograph,
-                     std::span<const std::uint8_t> rendered_mask, double rays) {
+                     std::span<const std::uint8_t> rendered_mask, double rays, std::span<const double> ray_weights) {
   ColorLoss loss{0, std::vector<Rgb>(rendered.size())};
   for (std::size_t i = 0; i < rendered.size(); ++i) {
     if (!rendered_mask[i]) continue;
+    const double weight = ray_weights.empty() ? 1 : ray_weights[i];
     for (int c = 0; c < 3; ++c) {
       const double difference = rendered[i][c] - photograph[i][c];
-      loss.value += std::abs(difference) / rays;
-      loss.gradient[i][c] = sign(difference) / rays;
+      loss.value += weight * std::abs(difference) / rays;
+      loss.gradient[i][c] = weight * sign(difference) / rays;
     }
   }
   return loss;
@@ -85,13 +86,15 @@ ScalarLoss parameter_loss(std::span<const double> parameters) {
   return loss;
 }
 
-ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const double> mask, double rays) {
+ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const double> mask, double rays,
+                      std::span<const double> ray_weights) {
   constexpr double kClamp = 1e-3;
   ScalarLoss loss{0, std::vector<double>(weights_sum.size())};
   for (std::size_t i = 0; i < weights_sum.size(); ++i) {
     const double a = std::clamp(weights_sum[i], kClamp, 1 - kClamp);
-    loss.value -= (mask[i] * std::log(a) + (1 - mask[i]) * std::log1p(-a)) / rays;
-    if (a == weights_sum[i]) loss.gradient[i] = ((1 - mask[i]) / (1 - a) - mask[i] / a) / rays;
+    const double weight = ray_weights.empty() ? 1 : ray_weights[i];
+    loss.value -= weight * (mask[i] * std::log(a) + (1 - mask[i]) * std::log1p(-a)) / rays;
+    if (a == weights_sum[i]) loss.gradient[i] = weight * ((1 - mask[i]) / (1 - a) - mask[i] / a) / rays;
   }
   return loss;
 }

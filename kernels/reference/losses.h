@@ -16,9 +16,10 @@ struct ColorLoss {
   double value = 0;
   std::vector<Rgb> gradient;  // to rendered; 0 for rays that were not rendered
 };
-// Σ over rendered rays and channels |rendered − photograph| / N. All spans: [rays]; rendered_mask 0 = not rendered.
+// Σ over rendered rays and channels q |rendered − photograph| / N. All spans: [rays]; rendered_mask 0 = not rendered; q:
+// ray_weights, 1 each where empty.
 ColorLoss color_loss(std::span<const Rgb> rendered, std::span<const Rgb> photograph,
-                     std::span<const std::uint8_t> rendered_mask, double rays);
+                     std::span<const std::uint8_t> rendered_mask, double rays, std::span<const double> ray_weights = {});
 
 struct EikonalLoss {
   double value = 0;
@@ -46,7 +47,8 @@ ScalarLoss skinning_loss(std::span<const double> weights, std::span<const double
 ScalarLoss parameter_loss(std::span<const double> parameters);
 
 // Binary cross entropy of the rays' accumulated weights a, clamped to [1e-3, 1 − 1e-3], and the mask m in [0, 1]:
-// −Σ (m ln a + (1 − m) ln(1 − a)) / N. The gradient is 0 where the clamp holds a back.
-ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const double> mask, double rays);
+// −Σ q (m ln a + (1 − m) ln(1 − a)) / N. The gradient is 0 where the clamp holds a back. q: as in color_loss.
+ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const double> mask, double rays,
+                      std::span<const double> ray_weights = {});
 
 }  // namespace arah::reference

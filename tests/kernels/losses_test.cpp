@@ -28,14 +28,15 @@ class Losses : public DeviceTest {
 
   // colors, targets: 4 a ray. The gradient has 4 a ray.
   Outcome image(const std::vector<float>& colors, const std::vector<float>& targets, float normaliser,
-                float color_weight, float alpha_weight) {
+                float color_weight, float alpha_weight, const std::vector<float>& weights = {}) {
     SetUp();
     const uint32_t rays = static_cast<uint32_t>(colors.size() / 4);
     Buffer c = filled("colours", colors), t = filled("targets", targets),
            d = filled("d colours", std::vector<float>(4 * padded_points(rays), NAN)),
            partials = empty("partials", std::max<uint64_t>(partial_bytes(rays, 2), 256));
+    Buffer w = filled("ray weights", weights.empty() ? std::vector<float>(1, NAN) : weights);
     record_image_loss(commands, {rays, normaliser, color_weight, alpha_weight, c.slice(), t.slice(), d.slice(),
-                                 slots.slice(), 3, partials.slice()});
+                                 slots.slice(), 3, partials.slice(), weights.empty() ? BufferSlice{} : w.slice()});
     commands.submit_and_wait();
     EXPECT_EQ(added(2), 0);
     EXPECT_EQ(added(5), 0);
@@ -113,29 +114,40 @@ TEST_F(Losses, OfTheImageFollowTheReference) {
     const float normaliser = 77, color_weight = 30, alpha_weight = 2.5F;
     std::vector<reference::Rgb> rendered(rays), photograph(rays);
     std::vector<uint8_t> counts(rays);
-    std::vector<double> sums, masks;
+    const std::vector<float> ray_weights = uniform(rays, 0.1, 2);
+    std::vector<double> sums, masks, weights, weights_of_masks;
     for (uint32_t i = 0; i < rays; ++i) {
       for (size_t c = 0; c < 3; ++c) {
         rendered[i][c] = colors[4 * i + c];
         photograph[i][c] = targets[4 * i + c];
       }
+      weights.push_back(ray_weights[i]);
       counts[i] = targets[4 * i + 3] >= 0;
       if (!counts[i]) continue;
       sums.push_back(colors[4 * i + 3]);
       masks.push_back(targets[4 * i + 3]);
+      weights_of_masks.push_back(ray_weights[i]);
     }
-    const auto color = reference::color_loss(rendered, photograph, counts, normaliser);
-    const auto alpha = reference::alpha_loss(sums, masks, normaliser);
-    std::vector<double> truth;
-    for (uint32_t i = 0, of_alpha = 0; i < rays; ++i) {
-      for (size_t c = 0; c < 3; ++c) truth.push_back(color_weight * color.gradient[i][c]);
-      truth.push_back(counts[i] ? alpha_weight * alpha.gradient[of_alpha++] : 0);
+    const std::vector<double> none;
+    for (const bool weighted : {false, true}) {
+      const auto color = reference::color_loss(rendered, photograph, counts, normaliser, weighted ? weights : none);
+      const auto alpha = reference::alpha_loss(sums, masks, normaliser, weighted ? weights_of_masks : none);
+      std::vector<double> truth;
+      for (uint32_t i = 0, of_alpha = 0; i < rays; ++i) {
+        for (size_t c = 0; c < 3; ++c) truth.push_back(color_weight * color.gradient[i][c]);
+        truth.push_back(counts[i] ? alpha_weight * alpha.gradient[of_alpha++] : 0);
+      }
+      const Outcome actual = image(colors, targets, normaliser, color_weight, alpha_weight, weighted ? ray_weights : std::vector<float>{});
+      EXPECT_NEAR(actual.value, color.value, 1e-6 * std::max(1.0, color.value));
+      EXPECT_NEAR(actual.second, alpha.value, 1e-6 * std::max(1.0, alpha.value));
+      golden::expect_close("d colour and alpha of " + std::to_string(rays) + (weighted ? ", weighted" : ""), actual.gradient, truth,
+                           2e-6 * std::max(1.0, largest(truth)));
     }
-    const Outcome actual = image(colors, targets, normaliser, color_weight, alpha_weight);
-    EXPECT_NEAR(actual.value, color.value, 1e-6 * std::max(1.0, color.value));
-    EXPECT_NEAR(actual.second, alpha.value, 1e-6 * std::max(1.0, alpha.value));
-    golden::expect_close("d colour and alpha of " + std::to_string(rays), actual.gradient, truth,
-                         2e-6 * std::max(1.0, largest(truth)));
+    // A weight of 1 is none, to the last bit.
+    const Outcome plain = image(colors, targets, normaliser, color_weight, alpha_weight), ones = image(colors, targets, normaliser, color_weight, alpha_weight, std::vector<float>(rays, 1.0F));
+    EXPECT_EQ(plain.value, ones.value);
+    EXPECT_EQ(plain.second, ones.second);
+    EXPECT_EQ(plain.gradient, ones.gradient);
   }
 }
 

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <map>
 #include <sstream>
@@ -13,6 +14,7 @@
 #include "host/avatar/avatar_file.h"
 #include "host/training/run_folder.h"
 #include "tests/host/body/rigs.h"
+#include "tests/host/evaluation/weighted_difference.h"
 #include "tests/stories/program.h"
 
 namespace arah {
@@ -23,6 +25,13 @@ using testing::HasSubstr;
 using testing::Not;
 
 constexpr int kSize = 64, kFrames = 6;
+
+std::vector<std::string> comma_separated(const std::string& line) {
+  std::vector<std::string> found;
+  std::istringstream stream(line + ",");  // an empty cell at the end counts
+  for (std::string cell; std::getline(stream, cell, ',');) found.push_back(cell);
+  return found;
+}
 
 class Stories : public testing::Test {
  protected:
@@ -171,19 +180,48 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   ASSERT_EQ(searches.code, 0) << searches.errors;
   for (const char* search : {"sphere tracing", "joint search", "correspondence search"}) EXPECT_THAT(searches.output, HasSubstr(search));
 
+  // With the user's network there is one figure more, and without it no such name.
+  EXPECT_THAT(read_all(at("figures/metrics.json")) + read_all(at("figures/report.html")) + measured.output, Not(HasSubstr("lpips")));
+  EXPECT_THAT(read_all(at("figures/report.html")) + measured.output, Not(HasSubstr("LPIPS")));
+  std::ofstream(at("network.onnx"), std::ios::binary) << weighted_difference_network({0.5f, 0.25f, 0.25f});
+  const Outcome perceived = arah({"evaluate", at("whole"), capture(), "-o", at("perceived"), "--cameras", "cam_04,cam_06", "--lpips", at("network.onnx")});
+  ASSERT_EQ(perceived.code, 0) << perceived.errors;
+  EXPECT_THAT(perceived.output, HasSubstr(", LPIPS 0."));
+  const auto distances = nlohmann::json::parse(read_all(at("perceived/metrics.json")));
+  ASSERT_EQ(distances["images"].size(), 2u);
+  const double of_first = distances["images"][0]["lpips"], of_second = distances["images"][1]["lpips"];
+  EXPECT_GT(std::min(of_first, of_second), 0);
+  EXPECT_LT(std::max(of_first, of_second), 2);
+  EXPECT_NEAR(distances["mean"]["lpips"].get<double>(), (of_first + of_second) / 2, 1e-12);
+  EXPECT_EQ(distances["mean"]["psnr"], metrics["mean"]["psnr"]);
+  EXPECT_EQ(distances["lpips_network"], at("network.onnx"));
+  EXPECT_THAT(distances["protocol"].get<std::string>(), HasSubstr("LPIPS"));
+  EXPECT_THAT(read_all(at("perceived/report.html")), HasSubstr("mean LPIPS"));
+  std::ofstream(at("broken.onnx")) << "no network";
+  const Outcome broken = arah({"evaluate", at("whole"), capture(), "-o", at("perceived"), "--lpips", at("broken.onnx")});
+  EXPECT_EQ(broken.code, 2);
+  EXPECT_THAT(broken.errors, AllOf(HasSubstr("broken.onnx"), HasSubstr("ONNX")));
+
   // What the approximations cost, and which one to use.
   const Outcome studied = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--pictures", "1", "--repetitions",
                                 "1", "--size", "48", "--budget", "1h"});
   EXPECT_EQ(studied.code, 2);
   EXPECT_THAT(studied.errors, HasSubstr("--budget"));
   const Outcome study = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--pictures", "1", "--repetitions", "1",
-                              "--size", "32", "--budget", "100s", "--max-error", "50dB"});
+                              "--size", "32", "--budget", "100s", "--max-error", "50dB", "--lpips", at("network.onnx")});
   ASSERT_EQ(study.code, 0) << study.errors;
+  EXPECT_THAT(study.output, HasSubstr("exact LPIPS"));
   EXPECT_THAT(study.output, HasSubstr("nearest within the time: paper"));
   EXPECT_THAT(study.output, HasSubstr("fastest within the error: "));
   const std::string csv = read_all(at("study/tradeoff.csv"));
   for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"preview\"", "\"samples 16\"", "\"least_weight 1e-3\""})
     EXPECT_THAT(csv, HasSubstr(setting));
+  // The exact rendering is no distance from itself, and as far from the photograph as its row says.
+  const std::vector<std::string> header = comma_separated(csv.substr(0, csv.find('\n'))), paper = comma_separated(csv.substr(csv.find("\"paper\""), csv.find('\n', csv.find("\"paper\"")) - csv.find("\"paper\"")));
+  ASSERT_EQ(header.size(), paper.size());
+  const auto column = [&](const std::string& name) { return std::stod(paper.at(static_cast<std::size_t>(std::find(header.begin(), header.end(), name) - header.begin()))); };
+  EXPECT_EQ(column("lpips_exact"), 0);
+  EXPECT_GT(column("lpips_photograph"), 0);
   EXPECT_THAT(read_all(at("study/tradeoff.svg")), HasSubstr("<svg"));
   EXPECT_THAT(read_all(at("study/report.html")), HasSubstr("preset fast"));
   const Outcome steps = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--training", "--repetitions", "1", "--rays", "64"});

@@ -112,6 +112,22 @@ TEST(Report, SaysWhatTheMeanLeavesOut) {
   EXPECT_THAT(html, HasSubstr("Left out of the mean PSNR: 1 not measured"));
 }
 
+TEST(Report, LpipsHasItsColumnsWhereItWasMeasuredAndNoNameElsewhere) {
+  Report report = example();
+  EXPECT_THAT(to_html(report), Not(HasSubstr("LPIPS")));
+  report.rows[0].lpips = 0.25;
+  report.rows[1].lpips = 0.125;
+  const std::string html = to_html(report);
+  EXPECT_THAT(html, HasSubstr("<b>0.1875</b>mean LPIPS"));
+  EXPECT_THAT(html, HasSubstr("<th>mean LPIPS</th></tr>"));
+  EXPECT_THAT(html, HasSubstr("novel view</td><td>2</td><td>22.00</td><td>20.00</td><td>0.8900</td><td>0.1875</td></tr>"));
+  EXPECT_THAT(html, HasSubstr("novel pose</td><td>1</td><td>22.00</td><td>22.00</td><td>–</td><td>–</td></tr>"));
+  EXPECT_THAT(html, HasSubstr("<th>SSIM</th><th>LPIPS</th>"));
+  EXPECT_THAT(html, HasSubstr("<td>24.00</td><td>0.9100</td><td>0.2500</td><td>3.250</td>"));
+  EXPECT_THAT(html, HasSubstr("SSIM 0.8700 · LPIPS 0.1250</span>"));
+  EXPECT_THAT(html, HasSubstr("Left out of the mean LPIPS: 1 without one."));
+}
+
 TEST(Report, AnEmptyReportIsStillAPage) {
   const std::string html = to_html({});
   EXPECT_THAT(html, HasSubstr("<!doctype html>"));

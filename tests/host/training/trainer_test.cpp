@@ -125,6 +125,67 @@ TEST_F(TrainerTest, ContinuesBitForBitWithCorrespondencesFromGrids) {
   EXPECT_TRUE(same_bits(parameters(second), parameters(whole)));
 }
 
+// Where rays are drawn by importance, what was found wrong belongs to the checkpoint.
+TEST_F(TrainerTest, ContinuesBitForBitWithRaysByImportance) {
+  TrainingSettings settings = small_settings();
+  settings.ray_importance = 0.5;
+  const auto make = [&] { return Trainer(device, small_capture(), fitted(), settings); };
+  Trainer whole = make();
+  const std::vector<StepReport> reports = train(whole, 14);
+  const std::filesystem::path path = small_capture().path / "by_importance.safetensors";
+  Trainer first = make();
+  train(first, 7);
+  write_safetensors(path, first.checkpoint());
+  Trainer second = make();
+  second.resume(read_safetensors(path));
+  expect_same(train(second, 14), {reports.begin() + 7, reports.end()});
+  EXPECT_TRUE(same_bits(parameters(second), parameters(whole)));
+  EXPECT_EQ(second.checkpoint().at("training.ray_importance").as<float>(), whole.checkpoint().at("training.ray_importance").as<float>());
+
+  // Without the noted errors other rays would be drawn: a checkpoint that lacks them is refused.
+  EXPECT_THROW(make().resume(trainer().checkpoint()), InputError);
+  EXPECT_FALSE(trainer().checkpoint().tensors.contains("training.ray_importance")) << "nothing of it where it is not wanted";
+
+  settings.rays = 100;
+  Trainer at_once = make();
+  settings.rays_at_a_time = 64;  // rays' weights and errors go with their pass
+  Trainer in_parts = make();
+  EXPECT_EQ(in_parts.passes(), 2u);
+  const std::vector<StepReport> together = train(at_once, 5), parts = train(in_parts, 5);
+  for (size_t i = 0; i < 5; ++i) EXPECT_NEAR(parts[i].total, together[i].total, stored_tolerance(i) * together[i].total);
+}
+
+// What is learnt from is the same in the mean. The avatar stands still, so that all steps are draws of one number.
+TEST_F(TrainerTest, LossesOfRaysByImportanceAreThoseOfChanceInTheMean) {
+  TrainingSettings settings = small_settings();
+  settings.eikonal_points = settings.off_surface_points = settings.inside_points = 64;
+  for (GroupSettings* group : {&settings.sdf, &settings.mapping, &settings.skinning, &settings.color, &settings.latent, &settings.deviation, &settings.grid}) group->freeze = 1u << 30;
+  struct Mean {
+    double color = 0, alpha = 0, color_error = 0, alpha_error = 0;
+  };
+  const auto mean = [&](double share, uint64_t skipped) {
+    settings.ray_importance = share;
+    Trainer training(device, small_capture(), fitted(), settings);
+    std::vector<StepReport> reports;
+    while (training.steps_done() < 240) {
+      const StepReport report = training.step(1000);
+      if (report.step > skipped) reports.push_back(report);
+    }
+    Mean result;
+    const auto count = static_cast<double>(reports.size());
+    for (const StepReport& r : reports) result.color += r.color / count, result.alpha += r.alpha / count;
+    for (const StepReport& r : reports) result.color_error += std::pow(r.color - result.color, 2), result.alpha_error += std::pow(r.alpha - result.alpha, 2);
+    result.color_error = std::sqrt(result.color_error / (count - 1) / count);
+    result.alpha_error = std::sqrt(result.alpha_error / (count - 1) / count);
+    return result;
+  };
+  const Mean chance = mean(0, 40), importance = mean(0.8, 40);
+  std::printf("  colour %.4f ± %.4f by chance, %.4f ± %.4f by importance; mask %.4f ± %.4f, %.4f ± %.4f\n", chance.color, chance.color_error, importance.color, importance.color_error, chance.alpha, chance.alpha_error,
+              importance.alpha, importance.alpha_error);
+  EXPECT_NEAR(importance.color, chance.color, 4 * std::hypot(chance.color_error, importance.color_error));
+  EXPECT_NEAR(importance.alpha, chance.alpha, 4 * std::hypot(chance.alpha_error, importance.alpha_error));
+}
+
 // A ceiling makes several passes of a step: the same step up to rounding, within the ceiling.
 TEST_F(TrainerTest, AMemoryCeilingIsKeptAndChangesRoundingAlone) {
   TrainingSettings settings = small_settings();

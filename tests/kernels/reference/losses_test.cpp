@@ -79,6 +79,10 @@ TEST(Losses, GradientsAgreeWithDifferences) {
   expect_gradient(
       "colour", [&] { return color_loss(triples(x), triples(y), mask, rays).value; }, x,
       flat(color_loss(triples(x), triples(y), mask, rays).gradient));
+  const std::vector<double> weights = random_numbers(11, 0.1, 2, 7);
+  expect_gradient(
+      "colour by ray weights", [&] { return color_loss(triples(x), triples(y), mask, rays, std::span(weights).first(7)).value; }, x,
+      flat(color_loss(triples(x), triples(y), mask, rays, std::span(weights).first(7)).gradient));
   expect_gradient(
       "eikonal", [&] { return eikonal_loss(triples(x), rays).value; }, x,
       flat(eikonal_loss(triples(x), rays).gradient));
@@ -99,6 +103,19 @@ TEST(Losses, GradientsAgreeWithDifferences) {
   expect_gradient(
       "alpha", [&] { return alpha_loss(sums, soft_mask, rays).value; }, sums,
       alpha_loss(sums, soft_mask, rays).gradient);
+  expect_gradient(
+      "alpha by ray weights", [&] { return alpha_loss(sums, soft_mask, rays, weights).value; }, sums,
+      alpha_loss(sums, soft_mask, rays, weights).gradient);
+}
+
+// Twice a ray's weight is that ray twice.
+TEST(Losses, ARaysWeightCountsItSoOften) {
+  const std::vector<Rgb> rendered{{0.1, 0.5, 0.9}, {0.4, 0.4, 0.2}}, photograph{{0.3, 0.3, 0.3}, {0.9, 0.1, 0.2}};
+  const std::vector<std::uint8_t> mask{1, 1, 1};
+  const std::vector<double> weights{2, 1}, sums{0.3, 0.8}, person{1, 0};
+  const std::vector<Rgb> twice{rendered[0], rendered[0], rendered[1]}, photographs{photograph[0], photograph[0], photograph[1]};
+  EXPECT_DOUBLE_EQ(color_loss(rendered, photograph, mask, 5, weights).value, color_loss(twice, photographs, mask, 5).value);
+  EXPECT_DOUBLE_EQ(alpha_loss(sums, person, 5, weights).value, alpha_loss(std::vector{0.3, 0.3, 0.8}, std::vector{1.0, 1.0, 0.0}, 5).value);
 }
 
 TEST(Losses, KinksAndEmptyInputsHaveNoGradient) {
