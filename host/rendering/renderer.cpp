@@ -66,7 +66,7 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
   if (searches_surface()) surface_finder_.emplace(device, networks_, searched_at_a_time(rays_));
   samples_.emplace(device, networks_, rays_, sampling_);
   if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
-  shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals);
+  shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals, settings.arithmetic);
 }
 
 uint32_t Renderer::planned_rays() {
@@ -82,7 +82,7 @@ uint32_t Renderer::planned_rays() {
     std::optional<SurfaceFinder> finder;
     if (searches_surface()) finder.emplace(device_, networks, searched_at_a_time(rays));
     RaySamples samples(device_, networks, rays, sampling_);
-    ShadedRays shaded(device_, networks, rays, sampling_.samples, most_shaded_at_a_time, settings_.normals);
+    ShadedRays shaded(device_, networks, rays, sampling_.samples, most_shaded_at_a_time, settings_.normals, settings_.arithmetic);
     if (samples.has_gaps()) shaded.field().make_room_for_gaps();
     if (samples.opaque()) shaded.field().opaque_distances();
     if (settings_.baked_distances) shaded.field().distances_by_row();

@@ -28,7 +28,9 @@ struct DenseShape {
 class DenseTape {
  public:
   // with_gradients: also what the backward pass needs; else two layers' values at a time.
-  DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients);
+  // hidden: what the layers' values are stored as that only the next layer reads: not the output, and not what shares its rows
+  // with the input. Throws std::invalid_argument for halves with gradients.
+  DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients, Element hidden = Element::float32);
 
   uint32_t capacity() const { return capacity_; }
   Matrix input();              // the caller writes here: padded_input() channels, all of them

@@ -54,6 +54,7 @@ struct PointRange {
 void set_range(Launch& launch, const PointRange& range);
 
 // Y = act(X W + b). X: [points][inputs]; Y: [points][outputs]; cosine (sine only, optional): cos of the pre-activation.
+// X and Y may be of halves, each for itself: products and sums are float32 all the same, and Y is rounded to the nearest half.
 struct LinearForwardArgs {
   Matrix x;
   PackedWeights weights;

@@ -54,7 +54,7 @@ class Buffer {
   uint64_t address() const { return address_; }  // device address of the first byte
   void* mapped() const { return mapped_; }        // nullptr where the host cannot see the memory
   VkBuffer_T* handle() const { return handle_; }
-  VkBufferView_T* texel_view(uint64_t offset, uint64_t bytes);  // rgba32f view, cached
+  VkBufferView_T* texel_view(uint64_t offset, uint64_t bytes, bool words);  // of texels of four floats or four uint32, cached
 
  private:
   struct Views;

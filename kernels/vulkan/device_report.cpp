@@ -111,9 +111,11 @@ SurveyedDevice survey_one(VkPhysicalDevice handle, uint32_t index) {
   });
   if (!push) refuse(VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME, "no such extension");
 
-  VkFormatProperties texel;
-  vkGetPhysicalDeviceFormatProperties(handle, VK_FORMAT_R32G32B32A32_SFLOAT, &texel);
-  if (!(texel.bufferFeatures & VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT)) refuse("rgba32f storage texel buffers", "none");
+  for (const auto& [format, name] : {std::pair{VK_FORMAT_R32G32B32A32_SFLOAT, "rgba32f"}, {VK_FORMAT_R32G32B32A32_UINT, "rgba32ui"}}) {
+    VkFormatProperties texel;
+    vkGetPhysicalDeviceFormatProperties(handle, format, &texel);
+    if (!(texel.bufferFeatures & VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT)) refuse(fmt::format("{} storage texel buffers", name), "none");
+  }
 
   const VkSubgroupFeatureFlags wanted = VK_SUBGROUP_FEATURE_SHUFFLE_BIT;
   if ((subgroup.supportedOperations & wanted) != wanted || !(subgroup.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) || subgroup.subgroupSize < 8)
