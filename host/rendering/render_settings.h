@@ -26,7 +26,7 @@ namespace arah {
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for
 //   color_groups [0]  0: a colour for each sample; else one for each of so many groups of equal weight of a ray's samples
 //   least_weight [0]  samples whose compositing weight is at most this stay black
-//   arithmetic [float32]  half_storage: of the networks that give the samples' distances and colours
+//   arithmetic [float32]  half_storage, cooperative_matrix: of the networks that give the samples' distances and colours
 //   pixel_step [1]  every so-many-th pixel of a row and column is computed, those between are interpolated
 struct RenderSettings {
   std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar

@@ -7,7 +7,8 @@ namespace arah {
 
 enum class Arithmetic {
   float32,
-  half_storage,  // what only the next layer reads is stored as halves; products and sums are float32
+  half_storage,        // what only the next layer reads is stored as halves; products and sums are float32
+  cooperative_matrix,  // likewise, and layers between halves multiply halves on the device's matrix units, with sums in float32
 };
 constexpr Element hidden_element(Arithmetic arithmetic) { return arithmetic == Arithmetic::float32 ? Element::float32 : Element::half; }
 
@@ -15,6 +16,7 @@ constexpr const char* to_string(Arithmetic arithmetic) {
   switch (arithmetic) {
     case Arithmetic::float32: return "float32";
     case Arithmetic::half_storage: return "half_storage";
+    case Arithmetic::cooperative_matrix: return "cooperative_matrix";
   }
   return "";
 }

@@ -107,6 +107,11 @@ void DenseNetwork::record_pack(Commands& commands, const BufferSlice& code) {
   for (Layer& layer : layers_) layer.record_pack(commands, layer.shape().constant_count ? code : BufferSlice{});
 }
 
+void DenseNetwork::make_half_weights(Device& device) {
+  for (size_t l = 1; l < layers_.size(); ++l)
+    if (static_cast<int>(l) != shape_.skip) layers_[l].make_half_weights(device);
+}
+
 void DenseNetwork::record_unpack(Commands& commands, const BufferSlice& code, const BufferSlice& code_gradient) {
   for (Layer& layer : layers_) layer.record_unpack(commands, layer.shape().constant_count ? code : BufferSlice{}, code_gradient);
 }

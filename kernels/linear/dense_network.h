@@ -59,6 +59,9 @@ class DenseNetwork {
   const DenseShape& shape() const { return shape_; }
   // Raw parameters → packed weights. code: constant inputs, see LayerShape.
   void record_pack(Commands& commands, const BufferSlice& code = {});
+  // Layers that read no part of the network's input keep weights of halves from the next record_pack on
+  // (Layer::make_half_weights).
+  void make_half_weights(Device& device);
   // tape.input() → tape.output() for range.points ≤ capacity.
   void record_forward(Commands& commands, DenseTape& tape, const PointRange& range);
   // From `cotangent` at the output (default: tape.output_gradient()): effective weight gradients (=, or += with accumulate)

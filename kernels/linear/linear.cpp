@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <stdexcept>
 
+#include "kernels/linear/cooperative.h"
+
 namespace arah {
 namespace {
 
@@ -35,6 +37,7 @@ struct GeneralArgs {
   PointRange range;
   const std::string& name;
   std::optional<LinearFamily> family = {};
+  BufferSlice halves = {};  // of the weights
 };
 
 void require_float32(const std::string& name, const char* what, const Matrix& matrix) {
@@ -70,11 +73,14 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   Device& device = commands.device();
   const LinearFamily family = a.family ? *a.family : linear_family(device);
   const uint32_t tile = linear_tile(a.inputs, a.outputs);
-  const bool shuffled = family == LinearFamily::straight && wide_product(a.inputs, a.outputs);
+  const bool cooperative = a.x.element == Element::half && !a.halves.empty();
+  if (cooperative && !device.report().cooperative_matrix_missing.empty())
+    throw CooperativeMatrixError(fmt::format("launch '{}': cooperative matrices: {}", a.name, device.report().cooperative_matrix_missing));
+  const bool shuffled = !cooperative && family == LinearFamily::straight && wide_product(a.inputs, a.outputs);
   // The shuffled kernel's sizes are push constants: 1 and 1 stand for what the others specialise.
   const std::vector<uint32_t> specialization{shuffled ? 1 : a.inputs, shuffled ? 1 : tile, static_cast<uint32_t>(a.mode), static_cast<uint32_t>(a.activation), !a.second.empty(), !a.before.empty(), !a.after.empty(),
                                              a.x.element == Element::half, a.result.element == Element::half};
-  const Pipeline& pipeline = device.pipeline(shuffled ? "linear/shuffled_forward" : family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
+  const Pipeline& pipeline = device.pipeline(cooperative ? "linear/cooperative_forward" : shuffled ? "linear/shuffled_forward" : family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
 
   auto or_input = [&](const Matrix& matrix) { return matrix.empty() ? a.x.slice : matrix.slice; };  // unused bindings need some buffer
   EpilogueConstants constants{};
@@ -104,7 +110,12 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     constants.after_column = (a.after.column + column) / 4;
     constants.weights = a.packed.buffer->address() + a.packed.offset + column / tile * tile_floats * 4;
   };
-  if (shuffled) {
+  if (cooperative) {
+    at_column(0);
+    launch.bindings.back() = {a.halves, half_weights_bytes(a.inputs, a.outputs)};  // X's halves are its first binding
+    launch.cost.bytes += (2.0 - 4.0) * double(a.inputs) * a.outputs;
+    commands.dispatch(launch);
+  } else if (shuffled) {
     at_column(0);
     launch.bindings.push_back(a.packed.elements(0, tile_floats));
     commands.dispatch(launch);
@@ -145,7 +156,7 @@ void set_range(Launch& launch, const PointRange& range) {
 }
 
 void record_linear_forward(Commands& commands, const LinearForwardArgs& a) {
-  record_general(commands, {Mode::activation, a.activation, a.x, a.weights.inputs, a.weights.outputs, a.weights.forward, a.y, a.cosine, {}, {}, {}, a.range, a.name, a.family});
+  record_general(commands, {Mode::activation, a.activation, a.x, a.weights.inputs, a.weights.outputs, a.weights.forward, a.y, a.cosine, {}, {}, {}, a.range, a.name, a.family, a.weights.halves});
 }
 
 void record_linear_input_gradient(Commands& commands, const LinearInputGradientArgs& a) {

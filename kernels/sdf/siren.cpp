@@ -107,6 +107,10 @@ void Siren::record_pack(Commands& commands) {
   for (Layer& layer : layers_) layer.record_pack(commands);
 }
 
+void Siren::make_half_weights(Device& device) {
+  for (uint32_t l = 1; l < shape_.sine_layers; ++l) layers_[l].make_half_weights(device);
+}
+
 void Siren::record_unpack(Commands& commands) {
   for (Layer& layer : layers_) layer.record_unpack(commands);
 }

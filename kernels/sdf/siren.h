@@ -57,6 +57,8 @@ class Siren {
 
   const SirenShape& shape() const { return shape_; }
   void record_pack(Commands& commands);
+  // Layers between two sine layers keep weights of halves from the next record_pack on (Layer::make_half_weights).
+  void make_half_weights(Device& device);
   // tape.input() → tape.sdf(), tape.feature(). keep: also the cosines, for what follows.
   void record_forward(Commands& commands, SirenTape& tape, const PointRange& range, bool keep);
   // After record_forward(keep): tape.gradient(). keep_adjoints: what a second-order backward pass will read.

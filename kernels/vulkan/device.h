@@ -126,6 +126,9 @@ class Device {
     return values;
   }
 
+  // What `ask` says of this device, kept: each question is asked once.
+  const std::string& once(const std::string& question, const std::function<std::string()>& ask);
+
   uint64_t allocated_bytes() const;
   uint64_t most_allocated_bytes() const;  // at any moment since the device was opened
   uint64_t memory_ceiling() const;        // bytes; 0: none

@@ -5,7 +5,7 @@
 
 // In the low 16 bits the nearest half, ties to even, and none beyond 65,504; NaN and infinities stay what they are.
 // Vulkan leaves packHalf2x16's rounding to the device, and a CPU device cuts off: twice the error, all of it towards zero. The
-// integers are the same everywhere, and there a third of its time.
+// integers are the same everywhere, and there a quarter of its time.
 uvec4 half_bits(vec4 x) {
   const uvec4 bits = floatBitsToUint(x);
   const uvec4 size = bits & 0x7fffffffu;

@@ -1,4 +1,4 @@
-// The knob `arithmetic`: what halves cost a picture.
+// The knob `arithmetic`: what halves cost a picture, and what more is asked of a device.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -6,6 +6,7 @@
 
 #include "host/input_error.h"
 #include "host/rendering/renderer.h"
+#include "kernels/linear/cooperative.h"
 #include "tests/host/rendering/capsule_scene.h"
 
 namespace arah {
@@ -78,6 +79,29 @@ TEST_F(ArithmeticKnob, IsExactUnlessTold) {
   EXPECT_THAT(render_settings_json(settings), testing::HasSubstr(R"("arithmetic":"half_storage")"));
   EXPECT_THROW(set_render_knob(settings, "arithmetic", "half"), InputError);
   EXPECT_THAT(render_knobs(), testing::Contains("arithmetic"));
+}
+
+// Where the device has them, a picture like that of half storage, but for the weights' rounding; elsewhere the reason.
+TEST_F(ArithmeticKnob, CooperativeMatricesAreRefusedWhereTheDeviceHasNone) {
+  AvatarSpec spec = small_paper_spec();
+  spec.sdf.width = spec.color.width = 32;  // multiples of 16: layers that they can compute
+  if (!cooperative_refusal(device).empty()) {
+    const Avatar avatar = make_avatar(spec, capsule_body(), {0}, 1);
+    try {
+      render(avatar, "paper", "cooperative_matrix");
+      ADD_FAILURE() << "taken on a device without them";
+    } catch (const InputError& error) {
+      std::printf("  %s\n", error.what());
+      EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("arithmetic cooperative_matrix"), testing::HasSubstr(device.report().name), testing::HasSubstr(cooperative_refusal(device)), testing::HasSubstr("half_storage")));
+    }
+    return;
+  }
+  const Avatar avatar = capsule_avatar(device, spec);
+  const Picture exact = render(avatar, "paper", "float32"), halves = render(avatar, "paper", "half_storage"), cooperative = render(avatar, "paper", "cooperative_matrix");
+  EXPECT_NE(halves.color, cooperative.color) << "the weights are as before";
+  const Difference d = compare("cooperative matrices", exact, cooperative);
+  EXPECT_LE(d.color_root_mean_square, 1e-3);
+  EXPECT_LE(d.depth, 4e-4);
 }
 
 TEST_F(ArithmeticKnob, TrainingIsRefused) {
