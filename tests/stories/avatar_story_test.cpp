@@ -173,8 +173,9 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_THAT(study.output, HasSubstr("nearest within the time: paper"));
   EXPECT_THAT(study.output, HasSubstr("fastest within the error: "));
   const std::string csv = read_all(at("study/tradeoff.csv"));
-  for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"preview\"", "\"samples 16\"", "\"least_weight 1e-3\""})
+  for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"preview\"", "\"samples 16\"", "\"least_weight 1e-3\"", "\"arithmetic half_storage\""})
     EXPECT_THAT(csv, HasSubstr(setting));
+  EXPECT_THAT(study.output, HasSubstr("arithmetic cooperative_matrix")) << "measured, or why not";
   EXPECT_THAT(read_all(at("study/tradeoff.svg")), HasSubstr("<svg"));
   EXPECT_THAT(read_all(at("study/report.html")), HasSubstr("preset fast"));
   const Outcome steps = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--training", "--repetitions", "1", "--rays", "64"});
