@@ -11,4 +11,7 @@ struct EmbeddedShader {
 
 const EmbeddedShader* embedded_shaders();
 
+// The Vulkan extension that linear/cooperative_forward is built for; "" where it was left out.
+const char* cooperative_matrix_extension();
+
 }  // namespace arah

@@ -50,7 +50,8 @@ std::string as_json(const Survey& survey) {
                        {"max_shared_bytes", device.max_shared_bytes},
                        {"max_push_constant_bytes", device.max_push_constant_bytes},
                        {"subgroup_size", device.subgroup_size},
-                       {"timestamp_period_ns", device.timestamp_period_ns}});
+                       {"timestamp_period_ns", device.timestamp_period_ns},
+                       {"cooperative_matrix_missing", device.cooperative_matrix_missing}});
   }
   return nlohmann::ordered_json{{"devices", devices}}.dump(1) + "\n";
 }
@@ -66,6 +67,8 @@ std::string as_text(const Survey& survey) {
         static_cast<double>(device.heap_bytes) / kMebibyte,
         static_cast<double>(device.max_storage_buffer_bytes) / kMebibyte, device.subgroup_size,
         device.max_shared_bytes / 1024);
+    text += device.cooperative_matrix_missing.empty() ? "      arithmetic=cooperative_matrix: 16 x 16 x 16 halves, float32 sums\n"
+                                                      : fmt::format("      no arithmetic=cooperative_matrix: {}\n", device.cooperative_matrix_missing);
     for (const std::string& refusal : device.refusals) text += fmt::format("      refused: {}\n", refusal);
   }
   if (survey.devices.empty()) text += "the Vulkan loader lists no device\n";

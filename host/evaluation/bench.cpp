@@ -13,6 +13,7 @@
 
 #include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
+#include "kernels/linear/cooperative.h"
 #include "kernels/linear/linear.h"
 #include "kernels/skinning/implicit_joint_cotangent.h"
 #include "shaders/shared/frame.h"
@@ -177,8 +178,8 @@ class Bench {
     add_shaders(median_lines(profiles, &Profiler::shaders, shape));
   }
 
-  // The other family of the linear layer, the straight one's kernel for wide layers, and the cotangents that only surface
-  // rendering needs.
+  // The other family of the linear layer, the straight one's kernel for wide layers, what cooperative matrices need and, where
+  // the device has them, their kernel, and the cotangents that only surface rendering needs.
   void kernels_without_work() {
     start("kernels of no work");
     const uint32_t points = std::min(settings_.points, 16384u);
@@ -187,6 +188,22 @@ class Bench {
       measure_alone(layer.shape(), [&, family = family] {
         layer.record_forward(commands_, family);
         layer.record_weight_gradient(commands_, family);
+      });
+    }
+
+    {
+      Layer layer(*this, points, 256);
+      Buffer halves(device_, "bench weights as halves", half_weights_bytes(256, 256), BufferPlace::device);
+      measure_alone(layer.shape(), [&] {
+        record_half_weights(commands_, {256, 256, layer.weights.slice(), {}, halves.slice()}, "weights as halves");
+        if (!cooperative_refusal(device_).empty()) return;
+        LinearForwardArgs args;
+        args.x = {layer.x.slice(), 256, 0, Element::half};
+        args.weights = {256, 256, layer.weights.slice(), {}, halves.slice()};
+        args.y = {layer.y.slice(), 256, 0, Element::half};
+        args.activation = Activation::relu;
+        args.range.points = points;
+        record_linear_forward(commands_, args);
       });
     }
 

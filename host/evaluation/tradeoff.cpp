@@ -13,6 +13,7 @@
 #include "host/evaluation/picture.h"
 #include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
+#include "kernels/linear/cooperative.h"
 
 namespace arah {
 namespace {
@@ -26,7 +27,7 @@ constexpr uint64_t memory_of_errors = 100'000'000;
 constexpr double same_picture = 100;
 
 // Each knob alone, from less to more.
-std::vector<Knobs> single_knobs(const SamplingSettings& exact) {
+std::vector<Knobs> single_knobs(const SamplingSettings& exact, bool cooperative_matrices) {
   std::vector<Knobs> all;
   const auto knob = [&](const char* name, std::initializer_list<const char*> values) {
     for (const char* value : values) all.push_back({{name, value}});
@@ -51,6 +52,8 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact) {
   knob("root_correspondence", {"search_from_grid", "grid", "grid_alone"});
   knob("least_weight", {"0", "1e-4", "1e-3", "1e-2", "3e-2"});
   knob("color_groups", {"4", "2", "1"});
+  knob("arithmetic", {"half_storage"});
+  if (cooperative_matrices) knob("arithmetic", {"cooperative_matrix"});
   knob("pixel_step", {"2", "3"});
   return all;
 }
@@ -101,7 +104,9 @@ class Study {
     result_.pictures_measured = static_cast<int>(views_.size());
     result_.repetitions = settings_.repetitions;
     const RenderSettings exact = render_preset(avatar_, "paper");
-    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling);
+    const std::string& refusal = cooperative_refusal(device_);
+    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling, refusal.empty());
+    if (!settings_.presets_alone && !refusal.empty()) result_.left_out.push_back("arithmetic cooperative_matrix: " + refusal);
     total_ = static_cast<double>(knobs.size() + render_presets().size());
     measure("paper", {}, exact);
     for (const Knobs& some : knobs) {
@@ -356,6 +361,7 @@ std::string tradeoff_table(const Tradeoff& tradeoff) {
     if (lpips) text += fmt::format("{:>12}{:>12}", optional_text(p.lpips_exact, "{:.4f}"), optional_text(p.lpips, "{:.4f}"));
     text += p.pareto ? "  *\n" : "\n";
   }
+  for (const std::string& setting : tradeoff.left_out) text += fmt::format("not measured on {}: {}\n", tradeoff.device, setting);
   return text +
          "ms: a picture of a new pose. posed ms: another picture of that pose. bake ms: once for each code, before its first picture\n"
          "* nothing measured is both faster and nearer to the exact rendering\n";
@@ -367,6 +373,7 @@ Report tradeoff_report(Tradeoff tradeoff, const Avatar& avatar, const std::strin
   report.summary = fmt::format("{} settings, {} pictures of {} × {}, {} repetitions each; times are medians of whole pictures of a new pose.", tradeoff.points.size(), tradeoff.pictures_measured, tradeoff.width, tradeoff.height, tradeoff.repetitions);
   report.definition = metrics_definition(kDataRange) + (tradeoff.lpips.empty() ? "" : lpips_definition(tradeoff.lpips));
   report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset, avatar.steps, avatar.seed)}, {"capture", capture.path.string()}, {"device", fmt::format("{} ({})", tradeoff.device, tradeoff.driver)}};
+  for (const std::string& setting : tradeoff.left_out) report.facts.emplace_back("not measured", setting);
   for (const TradeoffPoint& p : tradeoff.points)
     report.facts.emplace_back(p.name + (p.pareto ? " *" : ""), fmt::format("{:.0f} ms ({:.0f} to {:.0f}), {:.0f} ms for another picture of the same pose, {:.0f} ms of baking before the first; {:.2f} GFLOP; against the exact rendering {}{}, depth {:.2f} mm, normals {:.2f}°; against photographs {:.2f} dB{}; {:.1f} samples a ray, {:.1f} shaded", p.milliseconds, p.fastest, p.slowest, p.milliseconds_same_pose, p.baking_milliseconds, p.gflop,
                                                                            std::isfinite(p.psnr_exact) ? fmt::format("{:.2f} dB", p.psnr_exact) : "the same picture", lpips_text(p.lpips_exact), 1000 * p.depth_error, p.normal_error, p.psnr, lpips_text(p.lpips), p.samples_a_ray, p.shaded_a_ray));

@@ -93,6 +93,11 @@ LayerTensors AvatarNetworks::tensors(Buffer& buffer, const std::string& prefix, 
   return t;
 }
 
+void AvatarNetworks::make_half_weights(Device& device) {
+  sdf_->make_half_weights(device);
+  color_->make_half_weights(device);
+}
+
 void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row) {
   if (spec_.latent_size) {
     const BufferSlice rows = parameter("latent");

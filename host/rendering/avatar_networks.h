@@ -36,6 +36,9 @@ class AvatarNetworks {
   BufferSlice code() { return spec_.latent_size ? code_.slice() : BufferSlice{}; }
   BufferSlice code_gradient() { return spec_.latent_size && has_gradients() ? code_gradient_.slice() : BufferSlice{}; }
 
+  // For pictures with cooperative matrices: the SDF's and the colour's inner layers keep weights of halves too, from the next
+  // record_pack on.
+  void make_half_weights(Device& device);
   // Packs all weights for the frames that use row `latent_row`: after every change of parameters or of the row.
   void record_pack(Commands& commands, std::size_t latent_row);
   // Effective gradients of the parts → raw gradients (+=), the code's gradient → row `latent_row` of latent's (=).

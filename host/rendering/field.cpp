@@ -13,14 +13,15 @@
 
 namespace arah {
 
-Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, const Shaded& shaded, bool with_gradients)
+Field::Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, const Shaded& shaded, bool with_gradients, Arithmetic arithmetic)
     : device_(device), networks_(networks), samples_per_ray_(samples_per_ray) {
   const bool normal = networks.spec().color.normal;
   const uint64_t rows = padded_points(shaded.capacity);
+  const Element hidden = hidden_element(arithmetic);
   const auto holds = !with_gradients ? normal || shaded.gradient ? SirenTape::Holds::gradient : SirenTape::Holds::values : normal ? SirenTape::Holds::second_order : SirenTape::Holds::first_order;
-  distance_tape_.emplace(device, "samples: distances", networks.sdf_shape(), capacity, SirenTape::Holds::values);
-  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), shaded.capacity, holds);
-  color_tape_.emplace(device, "samples: color", networks.color_shape(), shaded.capacity, with_gradients);
+  distance_tape_.emplace(device, "samples: distances", networks.sdf_shape(), capacity, SirenTape::Holds::values, hidden, false);
+  sdf_tape_.emplace(device, "samples: sdf", networks.sdf_shape(), shaded.capacity, holds, hidden);
+  color_tape_.emplace(device, "samples: color", networks.color_shape(), shaded.capacity, with_gradients, hidden);
   if (normal) normals_ = Buffer(device, "samples: normals", rows * 16, BufferPlace::device);
   if (!with_gradients) return;
   if (normal) d_normals_ = Buffer(device, "samples: gradient at normals", rows * 16, BufferPlace::device);

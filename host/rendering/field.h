@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "host/rendering/avatar_networks.h"
+#include "kernels/linear/arithmetic.h"
 #include "kernels/tracing/interpolate_distances.h"
 
 namespace arah {
@@ -18,7 +19,8 @@ class Field {
     bool gradient = false;  // wanted by record_forward
   };
   // capacity: points at a time whose distances are wanted. samples_per_ray: sample s belongs to ray s / samples_per_ray.
-  Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, const Shaded& shaded, bool with_gradients);
+  // arithmetic: float32 with gradients.
+  Field(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t samples_per_ray, const Shaded& shaded, bool with_gradients, Arithmetic arithmetic = Arithmetic::float32);
 
   // Signed distances at the rows of canonical points, vec4 by row: channel 0 of the result, cube units; it stays until the
   // next call. sparse: only rows with w > 0 are evaluated, the others' distances mean nothing; submits, to know how many they

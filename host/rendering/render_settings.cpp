@@ -89,6 +89,9 @@ const std::vector<Knob>& knobs() {
       {"color_groups", [](Settings& s, const std::string& n, const std::string& v) { s.color_groups = static_cast<uint32_t>(number(n, v, 0, 1024, true)); },
        [](const Settings& s) { return Json(s.color_groups); }},
       {"least_weight", [](Settings& s, const std::string& n, const std::string& v) { s.least_weight = number(n, v, 0, 1, false); }, [](const Settings& s) { return Json(s.least_weight); }},
+      {"arithmetic",
+       [](Settings& s, const std::string& n, const std::string& v) { s.arithmetic = word(n, v, {Arithmetic::float32, Arithmetic::half_storage, Arithmetic::cooperative_matrix}); },
+       [](const Settings& s) { return Json(to_string(s.arithmetic)); }},
       {"pixel_step", [](Settings& s, const std::string& n, const std::string& v) { s.pixel_step = static_cast<int>(number(n, v, 1, 16, true)); }, [](const Settings& s) { return Json(s.pixel_step); }}};
   return all;
 }

@@ -7,6 +7,7 @@
 
 #include "host/avatar/avatar.h"
 #include "host/rendering/ray_samples.h"
+#include "kernels/linear/arithmetic.h"
 
 namespace arah {
 
@@ -25,6 +26,7 @@ namespace arah {
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for
 //   color_groups [0]  0: a colour for each sample; else one for each of so many groups of equal weight of a ray's samples
 //   least_weight [0]  samples whose compositing weight is at most this stay black
+//   arithmetic [float32]  half_storage, cooperative_matrix: of the networks that give the samples' distances and colours
 //   pixel_step [1]  every so-many-th pixel of a row and column is computed, those between are interpolated
 struct RenderSettings {
   std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
@@ -35,6 +37,7 @@ struct RenderSettings {
   double half_width_b = 0;   // of SamplingSettings::half_width in units of b; 0: that stands
   double least_weight = 0;
   int pixel_step = 1;  // 1 to 16
+  Arithmetic arithmetic = Arithmetic::float32;
   bool normals = false;
   // Of activations, about: decides how many rays are rendered at a time, fewer where the device's memory ceiling asks for it.
   uint64_t memory_bytes = 300'000'000;

@@ -12,6 +12,7 @@
 #include "host/body/pose.h"
 #include "host/input_error.h"
 #include "host/rendering/memory_plan.h"
+#include "kernels/linear/cooperative.h"
 
 namespace arah {
 namespace {
@@ -55,18 +56,26 @@ Picture enlarged(const Picture& small, int width, int height) {
   return picture;
 }
 
+// The settings, where the device can follow them.
+const RenderSettings& possible(Device& device, const RenderSettings& settings) {
+  if (settings.arithmetic == Arithmetic::cooperative_matrix && !cooperative_refusal(device).empty())
+    throw InputError("arithmetic cooperative_matrix", "", "a device with cooperative matrices", fmt::format("{}: {}", device.report().name, cooperative_refusal(device)), "half_storage stores the same numbers and needs nothing of the device.");
+  return settings;
+}
+
 }  // namespace
 
 Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings)
-    : device_(device), avatar_(avatar), settings_(settings), sampling_(settings.sampling.value_or(picture_sampling(avatar))), rays_(planned_rays()), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
+    : device_(device), avatar_(avatar), settings_(possible(device, settings)), sampling_(settings.sampling.value_or(picture_sampling(avatar))), rays_(planned_rays()), networks_(device, avatar, false), body_(device, avatar.body), commands_(device) {
   if (sampling_.mode == SamplingMode::surface && sampling_.samples < sampling_.around_surface + sampling_.before_surface)
     throw InputError("samples", "", fmt::format("at least {} with sampling_mode surface: around_surface and before_surface together", sampling_.around_surface + sampling_.before_surface), fmt::format("{}", sampling_.samples));
   if (sampling_.mode == SamplingMode::surface_only && sampling_.samples != 1) throw InputError("samples", "", "1 with sampling_mode surface_only", fmt::format("{}", sampling_.samples));
+  if (settings.arithmetic == Arithmetic::cooperative_matrix) networks_.make_half_weights(device);
   if (bakes()) baked_.emplace(device, avatar, settings.bake_cell);
   if (searches_surface()) surface_finder_.emplace(device, networks_, searched_at_a_time(rays_));
   samples_.emplace(device, networks_, rays_, sampling_);
   if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
-  shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals);
+  shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals, settings.arithmetic);
 }
 
 uint32_t Renderer::planned_rays() {
@@ -81,8 +90,9 @@ uint32_t Renderer::planned_rays() {
     AvatarNetworks networks(device_, avatar_, false);
     std::optional<SurfaceFinder> finder;
     if (searches_surface()) finder.emplace(device_, networks, searched_at_a_time(rays));
+    if (settings_.arithmetic == Arithmetic::cooperative_matrix) networks.make_half_weights(device_);
     RaySamples samples(device_, networks, rays, sampling_);
-    ShadedRays shaded(device_, networks, rays, sampling_.samples, most_shaded_at_a_time, settings_.normals);
+    ShadedRays shaded(device_, networks, rays, sampling_.samples, most_shaded_at_a_time, settings_.normals, settings_.arithmetic);
     if (samples.has_gaps()) shaded.field().make_room_for_gaps();
     if (samples.opaque()) shaded.field().opaque_distances();
     if (settings_.baked_distances) shaded.field().distances_by_row();

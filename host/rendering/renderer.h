@@ -24,8 +24,8 @@ struct Picture {
 
 class Renderer {
  public:
-  // The avatar's numbers are copied to the device. Throws MemoryCeilingError where not even 64 rays at a time fit below the
-  // device's memory ceiling.
+  // The avatar's numbers are copied to the device. Throws InputError for settings that go with no avatar or that this device
+  // cannot follow, MemoryCeilingError where not even 64 rays at a time fit below the device's memory ceiling.
   Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
 
   // What belongs to the pose or the code alone (the posed template, its grid of roots, baked distances) is kept for the next

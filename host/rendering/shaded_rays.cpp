@@ -9,13 +9,13 @@
 namespace arah {
 
 ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded)
-    : ShadedRays(device, networks, rays, samples, {shaded, false}, true) {}
+    : ShadedRays(device, networks, rays, samples, {shaded, false}, true, Arithmetic::float32) {}
 
-ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals)
-    : ShadedRays(device, networks, rays, samples, {std::min(shaded_at_a_time, padded_points(rays * samples)), normals}, false) {}
+ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals, Arithmetic arithmetic)
+    : ShadedRays(device, networks, rays, samples, {std::min(shaded_at_a_time, padded_points(rays * samples)), normals}, false, arithmetic) {}
 
-ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients)
-    : networks_(networks), field_(device, networks, rays * samples, samples, shaded, with_gradients), queue_(device, rays * samples) {
+ShadedRays::ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients, Arithmetic arithmetic)
+    : networks_(networks), field_(device, networks, rays * samples, samples, shaded, with_gradients, arithmetic), queue_(device, rays * samples) {
   const uint64_t ray_room = padded_points(rays), rows = padded_points(rays * samples);
   auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, std::string("rays: ") + what, bytes, BufferPlace::device); };
   colors_ = make("colours", ray_room * 16);

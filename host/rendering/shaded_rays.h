@@ -16,7 +16,8 @@ class ShadedRays {
   // rays: at a time, `samples` of each. For training: with a way back for so many shaded samples.
   ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded);
   // For pictures: samples are shaded so many at a time, a multiple of 64, one batch after the other. normals: room for them.
-  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals);
+  // arithmetic: of the field.
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, uint32_t shaded_at_a_time, bool normals, Arithmetic arithmetic);
 
   struct Options {
     double least_weight = 0;
@@ -44,7 +45,7 @@ class ShadedRays {
   const ShadingQueue& queue() const { return queue_; }
 
  private:
-  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients);
+  ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients, Arithmetic arithmetic);
   void shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, bool normals);
   // Of all slots of the queue.
   Matrix rgb() { return rgb_.bytes() ? Matrix{rgb_.slice(), channel_padding, 0} : field_.rgb(); }

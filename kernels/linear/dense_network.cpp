@@ -38,15 +38,16 @@ DenseShape DenseShape::with_skip(int at) const {
   return shape;
 }
 
-DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients)
+DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients, Element hidden)
     : capacity_(padded_points(capacity)), shape_(shape) {
-  auto make = [&](const std::string& what, uint32_t channels) {
-    buffers_.emplace_back(device, name + " " + what, uint64_t(capacity_) * channels * 4, BufferPlace::device);
-    return channels;
+  if (with_gradients && hidden != Element::float32) throw std::invalid_argument(fmt::format("tape '{}': gradients need values in float32", name));
+  auto make = [&](const std::string& what, uint32_t channels, Element element = Element::float32) {
+    buffers_.emplace_back(device, name + " " + what, uint64_t(capacity_) * channels * bytes_of(element), BufferPlace::device);
+    return Matrix{{}, channels, 0, element};
   };
   // Slices point at their Buffer, so the buffers are all made before the first slice is taken.
   buffers_.reserve(shape.layers.size() * 2 + 6);
-  std::vector<std::pair<Matrix*, uint32_t>> wanted;
+  std::vector<std::pair<Matrix*, Matrix>> wanted;  // the second one without its slice
   values_.resize(shape.layers.size() + 1);
   adjoints_.resize(shape.layers.size());
   const uint32_t input = shape.padded_input();
@@ -58,7 +59,7 @@ DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& 
   for (size_t l = 0; l < shape.layers.size(); ++l)
     if (takes_turns(l)) turn_channels[l % 2] = std::max(turn_channels[l % 2], shape.layers[l].padded_outputs());
   for (size_t turn = 0; turn < 2; ++turn)
-    if (turn_channels[turn]) wanted.emplace_back(&turns[turn], make("turn " + std::to_string(turn), turn_channels[turn]));
+    if (turn_channels[turn]) wanted.emplace_back(&turns[turn], make("turn " + std::to_string(turn), turn_channels[turn], hidden));
   for (size_t l = 0; l < shape.layers.size(); ++l) {
     if (takes_turns(l)) continue;
     if (static_cast<int>(l) + 1 == shape.skip) wanted.emplace_back(&joined_, make("joined input", shape.layers[l + 1].padded_inputs()));
@@ -70,9 +71,12 @@ DenseTape::DenseTape(Device& device, const std::string& name, const DenseShape& 
     wanted.emplace_back(&input_gradient_, make("input gradient", input));
     if (shape.skip >= 0) wanted.emplace_back(&joined_gradient_, make("joined input gradient", shape.layers[static_cast<size_t>(shape.skip)].padded_inputs()));
   }
-  for (size_t i = 0; i < wanted.size(); ++i) *wanted[i].first = {buffers_[i].slice(), wanted[i].second, 0};
+  for (size_t i = 0; i < wanted.size(); ++i) {
+    *wanted[i].first = wanted[i].second;
+    wanted[i].first->slice = buffers_[i].slice();
+  }
   for (size_t l = 0; l < shape.layers.size(); ++l)
-    if (takes_turns(l)) values_[l + 1] = {turns[l % 2].slice, shape.layers[l].padded_outputs(), 0};
+    if (takes_turns(l)) values_[l + 1] = {turns[l % 2].slice, shape.layers[l].padded_outputs(), 0, hidden};
   if (shape.skip >= 0) {
     // The input lives in the joined matrix itself; the hidden part follows it there.
     values_[0] = joined_;
@@ -101,6 +105,11 @@ DenseNetwork::DenseNetwork(Device& device, const std::string& name, const DenseS
 
 void DenseNetwork::record_pack(Commands& commands, const BufferSlice& code) {
   for (Layer& layer : layers_) layer.record_pack(commands, layer.shape().constant_count ? code : BufferSlice{});
+}
+
+void DenseNetwork::make_half_weights(Device& device) {
+  for (size_t l = 1; l < layers_.size(); ++l)
+    if (static_cast<int>(l) != shape_.skip) layers_[l].make_half_weights(device);
 }
 
 void DenseNetwork::record_unpack(Commands& commands, const BufferSlice& code, const BufferSlice& code_gradient) {

@@ -28,7 +28,9 @@ struct DenseShape {
 class DenseTape {
  public:
   // with_gradients: also what the backward pass needs; else two layers' values at a time.
-  DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients);
+  // hidden: what the layers' values are stored as that only the next layer reads: not the output, and not what shares its rows
+  // with the input. Throws std::invalid_argument for halves with gradients.
+  DenseTape(Device& device, const std::string& name, const DenseShape& shape, uint32_t capacity, bool with_gradients, Element hidden = Element::float32);
 
   uint32_t capacity() const { return capacity_; }
   Matrix input();              // the caller writes here: padded_input() channels, all of them
@@ -57,6 +59,9 @@ class DenseNetwork {
   const DenseShape& shape() const { return shape_; }
   // Raw parameters → packed weights. code: constant inputs, see LayerShape.
   void record_pack(Commands& commands, const BufferSlice& code = {});
+  // Layers that read no part of the network's input keep weights of halves from the next record_pack on
+  // (Layer::make_half_weights).
+  void make_half_weights(Device& device);
   // tape.input() → tape.output() for range.points ≤ capacity.
   void record_forward(Commands& commands, DenseTape& tape, const PointRange& range);
   // From `cotangent` at the output (default: tape.output_gradient()): effective weight gradients (=, or += with accumulate)

@@ -4,6 +4,8 @@
 
 #include <stdexcept>
 
+#include "kernels/linear/cooperative.h"
+
 namespace arah {
 namespace {
 
@@ -37,7 +39,12 @@ Layer::Layer(Device& device, const std::string& name, const LayerShape& shape, c
   effective_gradient_ = Buffer(device, name + " effective gradient", uint64_t(in + 1) * out * 4, BufferPlace::device);
 }
 
-PackedWeights Layer::packed() { return {shape_.padded_inputs(), shape_.padded_outputs(), forward_.slice(), transposed_.slice()}; }
+PackedWeights Layer::packed() { return {shape_.padded_inputs(), shape_.padded_outputs(), forward_.slice(), transposed_.slice(), halves_.bytes() ? halves_.slice() : BufferSlice{}}; }
+
+void Layer::make_half_weights(Device& device) {
+  const uint32_t in = shape_.padded_inputs(), out = shape_.padded_outputs();
+  if (cooperative_product(in, out)) halves_ = Buffer(device, name_ + " packed as halves", half_weights_bytes(in, out), BufferPlace::device);
+}
 
 void Layer::record_pack(Commands& commands, const BufferSlice& code) {
   check_code(name_, shape_, code);
@@ -52,6 +59,7 @@ void Layer::record_pack(Commands& commands, const BufferSlice& code) {
   launch.push_constant_bytes = sizeof constants;
   launch.cost = {2.0 * shape_.inputs * shape_.outputs, 12.0 * shape_.inputs * shape_.outputs};
   commands.dispatch(launch);
+  if (halves_.bytes()) record_half_weights(commands, packed(), name_ + ": weights as halves");
 }
 
 void Layer::record_unpack(Commands& commands, const BufferSlice& code, const BufferSlice& code_gradient) {

@@ -41,6 +41,9 @@ class Layer {
   const LayerShape& shape() const { return shape_; }
   const std::string& name() const { return name_; }
   PackedWeights packed();
+  // From now on record_pack also makes the weights of halves for cooperative matrices; nothing where no size of the layer fits
+  // these (cooperative.h).
+  void make_half_weights(Device& device);
   BufferSlice effective_gradient() { return effective_gradient_.slice(); }  // [padded inputs + 1][padded outputs]
 
   // Raw parameters → both packings. code: the constant inputs [constant_count], empty where there are none.
@@ -54,7 +57,7 @@ class Layer {
   std::string name_;
   LayerShape shape_;
   LayerTensors parameters_, gradients_;
-  Buffer forward_, transposed_, scales_, effective_gradient_;
+  Buffer forward_, transposed_, scales_, effective_gradient_, halves_;
 };
 
 }  // namespace arah

@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <stdexcept>
 
+#include "kernels/linear/cooperative.h"
+
 namespace arah {
 namespace {
 
@@ -35,13 +37,18 @@ struct GeneralArgs {
   PointRange range;
   const std::string& name;
   std::optional<LinearFamily> family = {};
+  BufferSlice halves = {};  // of the weights
 };
+
+void require_float32(const std::string& name, const char* what, const Matrix& matrix) {
+  if (matrix.element != Element::float32) throw std::invalid_argument(fmt::format("launch '{}': {} is of halves; only the input and the result of a forward layer may be", name, what));
+}
 
 void check_matrix(const std::string& name, const char* what, const Matrix& matrix, uint32_t channels, uint32_t points) {
   if (matrix.stride % channel_padding || matrix.column % channel_padding || matrix.column + channels > matrix.stride)
     throw std::invalid_argument(fmt::format("launch '{}': {} has stride {} and column {}, which do not hold {} channels in multiples of {}", name, what,
                                             matrix.stride, matrix.column, channels, channel_padding));
-  const uint64_t needs = uint64_t(padded_points(points)) * matrix.stride * 4;
+  const uint64_t needs = uint64_t(padded_points(points)) * matrix.stride * bytes_of(matrix.element);
   if (matrix.slice.bytes < needs)
     throw std::invalid_argument(fmt::format("launch '{}': {} needs {} bytes for {} points, '{}' gives {}", name, what, needs, points,
                                             matrix.slice.buffer ? matrix.slice.buffer->name() : "nothing", matrix.slice.bytes));
@@ -49,9 +56,9 @@ void check_matrix(const std::string& name, const char* what, const Matrix& matri
 
 Cost forward_cost(const GeneralArgs& a) {
   const double points = padded_points(a.range.points);
-  double matrices = 1;
-  for (const Matrix* m : {&a.second, &a.stored, &a.before, &a.after}) matrices += m->empty() ? 0 : 1;
-  return {2.0 * points * a.inputs * a.outputs, 4.0 * (points * (a.inputs + matrices * a.outputs) + double(a.inputs) * a.outputs)};
+  double beside = 0;
+  for (const Matrix* m : {&a.second, &a.stored, &a.before, &a.after}) beside += m->empty() ? 0 : 1;
+  return {2.0 * points * a.inputs * a.outputs, points * (bytes_of(a.x.element) * double(a.inputs) + (bytes_of(a.result.element) + 4 * beside) * a.outputs) + 4.0 * double(a.inputs) * a.outputs};
 }
 
 void record_general(Commands& commands, const GeneralArgs& a) {
@@ -60,19 +67,25 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   check_matrix(a.name, "the input", a.x, a.inputs, a.range.points);
   check_matrix(a.name, "the result", a.result, a.outputs, a.range.points);
   for (const auto& [what, matrix] : {std::pair{"the second result", &a.second}, {"the stored activation", &a.stored}, {"the term before", &a.before}, {"the term after", &a.after}})
-    if (!matrix->empty()) check_matrix(a.name, what, *matrix, a.outputs, a.range.points);
+    if (!matrix->empty()) require_float32(a.name, what, *matrix), check_matrix(a.name, what, *matrix, a.outputs, a.range.points);
+  if (a.mode != Mode::activation) require_float32(a.name, "the input", a.x), require_float32(a.name, "the result", a.result);
 
   Device& device = commands.device();
   const LinearFamily family = a.family ? *a.family : linear_family(device);
   const uint32_t tile = linear_tile(a.inputs, a.outputs);
-  const bool shuffled = family == LinearFamily::straight && wide_product(a.inputs, a.outputs);
+  const bool cooperative = a.x.element == Element::half && !a.halves.empty();
+  if (cooperative && !device.report().cooperative_matrix_missing.empty())
+    throw CooperativeMatrixError(fmt::format("launch '{}': cooperative matrices: {}", a.name, device.report().cooperative_matrix_missing));
+  const bool shuffled = !cooperative && family == LinearFamily::straight && wide_product(a.inputs, a.outputs);
   // The shuffled kernel's sizes are push constants: 1 and 1 stand for what the others specialise.
-  const std::vector<uint32_t> specialization{shuffled ? 1 : a.inputs, shuffled ? 1 : tile, static_cast<uint32_t>(a.mode), static_cast<uint32_t>(a.activation), !a.second.empty(), !a.before.empty(), !a.after.empty()};
-  const Pipeline& pipeline = device.pipeline(shuffled ? "linear/shuffled_forward" : family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
+  const std::vector<uint32_t> specialization{shuffled ? 1 : a.inputs, shuffled ? 1 : tile, static_cast<uint32_t>(a.mode), static_cast<uint32_t>(a.activation), !a.second.empty(), !a.before.empty(), !a.after.empty(),
+                                             a.x.element == Element::half, a.result.element == Element::half};
+  const Pipeline& pipeline = device.pipeline(cooperative ? "linear/cooperative_forward" : shuffled ? "linear/shuffled_forward" : family == LinearFamily::straight ? "linear/straight_forward" : "linear/tiled_forward", specialization);
 
   auto or_input = [&](const Matrix& matrix) { return matrix.empty() ? a.x.slice : matrix.slice; };  // unused bindings need some buffer
   EpilogueConstants constants{};
-  constants.x_stride = a.x.stride / 4, constants.x_column = a.x.column / 4;
+  const uint32_t x_texel = a.x.element == Element::half ? 8 : 4;
+  constants.x_stride = a.x.stride / x_texel, constants.x_column = a.x.column / x_texel;
   constants.second_stride = a.second.stride / 8;
   constants.stored_stride = a.stored.stride / 4, constants.before_stride = a.before.stride / 4, constants.after_stride = a.after.stride / 4;
   constants.result_stride = a.result.stride / 8;
@@ -82,7 +95,7 @@ void record_general(Commands& commands, const GeneralArgs& a) {
   Launch launch;
   launch.pipeline = &pipeline;
   launch.name = a.name;
-  launch.bindings = {a.x.slice, a.result.slice, a.second.empty() ? a.result.slice : a.second.slice, or_input(a.stored), or_input(a.before), or_input(a.after)};
+  launch.bindings = {a.x.slice, a.result.slice, a.second.empty() ? a.result.slice : a.second.slice, or_input(a.stored), or_input(a.before), or_input(a.after), a.result.slice, a.x.slice};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof constants;
   set_range(launch, a.range);
@@ -97,7 +110,12 @@ void record_general(Commands& commands, const GeneralArgs& a) {
     constants.after_column = (a.after.column + column) / 4;
     constants.weights = a.packed.buffer->address() + a.packed.offset + column / tile * tile_floats * 4;
   };
-  if (shuffled) {
+  if (cooperative) {
+    at_column(0);
+    launch.bindings.back() = {a.halves, half_weights_bytes(a.inputs, a.outputs)};  // X's halves are its first binding
+    launch.cost.bytes += (2.0 - 4.0) * double(a.inputs) * a.outputs;
+    commands.dispatch(launch);
+  } else if (shuffled) {
     at_column(0);
     launch.bindings.push_back(a.packed.elements(0, tile_floats));
     commands.dispatch(launch);
@@ -138,7 +156,7 @@ void set_range(Launch& launch, const PointRange& range) {
 }
 
 void record_linear_forward(Commands& commands, const LinearForwardArgs& a) {
-  record_general(commands, {Mode::activation, a.activation, a.x, a.weights.inputs, a.weights.outputs, a.weights.forward, a.y, a.cosine, {}, {}, {}, a.range, a.name, a.family});
+  record_general(commands, {Mode::activation, a.activation, a.x, a.weights.inputs, a.weights.outputs, a.weights.forward, a.y, a.cosine, {}, {}, {}, a.range, a.name, a.family, a.weights.halves});
 }
 
 void record_linear_input_gradient(Commands& commands, const LinearInputGradientArgs& a) {
@@ -173,6 +191,8 @@ uint64_t weight_gradient_scratch_floats(uint32_t inputs, uint32_t outputs, uint3
 }
 
 void record_linear_weight_gradient(Commands& commands, const LinearWeightGradientArgs& a) {
+  require_float32(a.name, "the input", a.x);
+  require_float32(a.name, "the gradient", a.dy);
   check_matrix(a.name, "the input", a.x, a.inputs, a.points);
   check_matrix(a.name, "the gradient", a.dy, a.outputs, a.points);
   Device& device = commands.device();
@@ -218,6 +238,7 @@ void record_linear_weight_gradient(Commands& commands, const LinearWeightGradien
 }
 
 void record_activation_gradient(Commands& commands, const ActivationGradientArgs& a) {
+  for (const auto& [what, matrix] : {std::pair{"the gradient", &a.dy}, {"the stored activation", &a.stored}, {"the result", &a.result}}) require_float32(a.name, what, *matrix);
   check_matrix(a.name, "the gradient", a.dy, a.channels, a.points);
   check_matrix(a.name, "the stored activation", a.stored, a.channels, a.points);
   check_matrix(a.name, "the result", a.result, a.channels, a.points);

@@ -28,6 +28,7 @@ struct PackedWeights {
   uint32_t outputs = 0;
   BufferSlice forward;     // packed_floats(inputs, outputs) floats
   BufferSlice transposed;  // packed_floats(outputs, inputs) floats
+  BufferSlice halves;      // empty, or what cooperative.h makes of `forward`: half_weights_bytes(inputs, outputs)
 };
 
 // Products with many inputs and outputs: on a CPU device they take the shuffled kernel, whose weights are one tile.
@@ -54,6 +55,8 @@ struct PointRange {
 void set_range(Launch& launch, const PointRange& range);
 
 // Y = act(X W + b). X: [points][inputs]; Y: [points][outputs]; cosine (sine only, optional): cos of the pre-activation.
+// X and Y may be of halves, each for itself: products and sums are float32 all the same, and Y is rounded to the nearest half.
+// Where X is of halves and the weights have halves too, these are multiplied on the device's matrix units (cooperative.h).
 struct LinearForwardArgs {
   Matrix x;
   PackedWeights weights;

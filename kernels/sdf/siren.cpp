@@ -15,10 +15,15 @@ void require(bool held, const std::string& name, const char* pass, const char* o
 
 }  // namespace
 
-SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds) : capacity_(padded_points(capacity)) {
+SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds, Element hidden, bool feature) : capacity_(padded_points(capacity)) {
   const uint32_t width = padded_channels(shape.width);
-  std::vector<std::pair<Matrix*, uint32_t>> wanted;
-  auto want = [&](Matrix& matrix, uint32_t channels) { wanted.emplace_back(&matrix, channels); };
+  struct Wanted {
+    Matrix* matrix;
+    uint32_t channels;
+    Element element;
+  };
+  std::vector<Wanted> wanted;
+  auto want = [&](Matrix& matrix, uint32_t channels, Element element = Element::float32) { wanted.push_back({&matrix, channels, element}); };
   auto want_all = [&](std::vector<Matrix>& matrices) {
     matrices.resize(shape.sine_layers);
     for (Matrix& matrix : matrices) want(matrix, width);
@@ -26,11 +31,14 @@ SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& 
   want(input_, narrow);
   want(sdf_, narrow);
   Matrix turns[2];
+  sine_.resize(shape.sine_layers);
+  // Among halves, a feature that is read elsewhere needs a matrix of its own.
+  const bool apart = feature && hidden != Element::float32;
   if (holds == Holds::values) {
-    sine_.resize(shape.sine_layers);
-    for (Matrix& matrix : turns) want(matrix, width);
+    for (size_t turn = 0; turn < std::min<size_t>(2, sine_.size() - (apart ? 1 : 0)); ++turn) want(turns[turn], width, hidden);
+    if (apart) want(sine_.back(), width);
   } else {
-    want_all(sine_);
+    for (Matrix& matrix : sine_) want(matrix, width, apart && &matrix == &sine_.back() ? Element::float32 : hidden);
   }
   if (holds != Holds::values) {
     want_all(cosine_);
@@ -51,12 +59,12 @@ SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& 
     want_all(curvature_);
   }
   buffers_.reserve(wanted.size());
-  for (const auto& [matrix, channels] : wanted) {
-    buffers_.emplace_back(device, fmt::format("{} {}", name, buffers_.size()), uint64_t(capacity_) * channels * 4, BufferPlace::device);
-    *matrix = {buffers_.back().slice(), channels, 0};
+  for (const auto& [matrix, channels, element] : wanted) {
+    buffers_.emplace_back(device, fmt::format("{} {}", name, buffers_.size()), uint64_t(capacity_) * channels * bytes_of(element), BufferPlace::device);
+    *matrix = {buffers_.back().slice(), channels, 0, element};
   }
   if (holds == Holds::values)
-    for (size_t l = 0; l < sine_.size(); ++l) sine_[l] = turns[l % 2];
+    for (size_t l = 0; l + (apart ? 1 : 0) < sine_.size(); ++l) sine_[l] = turns[l % 2];
   Commands zero(device);
   for (Buffer& buffer : buffers_) zero.fill(buffer.slice(), 0);
   zero.submit_and_wait();
@@ -69,7 +77,10 @@ SirenTape::SirenTape(Device& device, const std::string& name, const SirenShape& 
 
 Matrix SirenTape::input() { return input_; }
 Matrix SirenTape::sdf() { return sdf_; }
-Matrix SirenTape::feature() { return sine_.back(); }
+Matrix SirenTape::feature() {
+  if (sine_.back().element != Element::float32) throw std::logic_error("the feature of a SIREN's tape that was made without one, of halves");
+  return sine_.back();
+}
 Matrix SirenTape::gradient() { return gradient_; }
 Matrix SirenTape::sdf_cotangent() { return sdf_cotangent_; }
 Matrix SirenTape::feature_cotangent() { return feature_cotangent_; }
@@ -94,6 +105,10 @@ Siren::Siren(Device& device, const std::string& name, const SirenShape& shape, c
 
 void Siren::record_pack(Commands& commands) {
   for (Layer& layer : layers_) layer.record_pack(commands);
+}
+
+void Siren::make_half_weights(Device& device) {
+  for (uint32_t l = 1; l < shape_.sine_layers; ++l) layers_[l].make_half_weights(device);
 }
 
 void Siren::record_unpack(Commands& commands) {

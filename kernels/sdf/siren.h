@@ -24,12 +24,14 @@ class SirenTape {
   enum class Holds { values, gradient, first_order, second_order };
   // values: forward only, two layers' activations at a time. gradient: also what ∂f/∂n needs. first_order: also what the
   // backward pass without a cotangent on it needs. second_order: also what a cotangent on the gradient needs.
-  SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds);
+  // hidden: what the sines are stored as that only the next layer reads; with halves there is no backward pass. feature: it is
+  // read, so that it is float32.
+  SirenTape(Device& device, const std::string& name, const SirenShape& shape, uint32_t capacity, Holds holds, Element hidden = Element::float32, bool feature = true);
 
   uint32_t capacity() const { return capacity_; }
   Matrix input();              // [8]: n(x) in channels 0..2, the rest zero; the caller writes it
   Matrix sdf();                // [8]: f in channel 0, cube units
-  Matrix feature();            // [width]: z
+  Matrix feature();            // [width]: z; throws std::logic_error where it is of halves
   Matrix gradient();           // [8]: ∂f/∂n in channels 0..2 (record_gradient)
   Matrix sdf_cotangent();      // [8]: dL/df in channel 0, the rest zero; the caller writes it
   Matrix feature_cotangent();  // [width]: dL/dz; the caller writes it
@@ -55,6 +57,8 @@ class Siren {
 
   const SirenShape& shape() const { return shape_; }
   void record_pack(Commands& commands);
+  // Layers between two sine layers keep weights of halves from the next record_pack on (Layer::make_half_weights).
+  void make_half_weights(Device& device);
   // tape.input() → tape.sdf(), tape.feature(). keep: also the cosines, for what follows.
   void record_forward(Commands& commands, SirenTape& tape, const PointRange& range, bool keep);
   // After record_forward(keep): tape.gradient(). keep_adjoints: what a second-order backward pass will read.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <tuple>
 #include <utility>
 
 #include "kernels/vulkan/device_state.h"
@@ -9,7 +10,7 @@
 namespace arah {
 
 struct Buffer::Views {
-  std::map<std::pair<uint64_t, uint64_t>, VkBufferView> made;
+  std::map<std::tuple<uint64_t, uint64_t, bool>, VkBufferView> made;
 };
 
 BufferSlice BufferSlice::sub(uint64_t at, uint64_t length) const {
@@ -115,12 +116,12 @@ Buffer& Buffer::operator=(Buffer&& other) noexcept {
   return *this;
 }
 
-VkBufferView_T* Buffer::texel_view(uint64_t offset, uint64_t bytes) {
-  VkBufferView& view = views_->made[{offset, bytes}];
+VkBufferView_T* Buffer::texel_view(uint64_t offset, uint64_t bytes, bool words) {
+  VkBufferView& view = views_->made[{offset, bytes, words}];
   if (view) return view;
   VkBufferViewCreateInfo info{VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO};
   info.buffer = handle_;
-  info.format = VK_FORMAT_R32G32B32A32_SFLOAT;
+  info.format = words ? VK_FORMAT_R32G32B32A32_UINT : VK_FORMAT_R32G32B32A32_SFLOAT;
   info.offset = offset;
   info.range = bytes / 16 * 16;
   check(vkCreateBufferView(device_->state().device, &info, nullptr, &view), "texel view of buffer '" + name_ + "'");

@@ -150,7 +150,7 @@ void Commands::dispatch(const Launch& launch) {
     } else {
       if (binding.slice.bytes / 16 > device.report.max_texel_elements)
         throw refuse(fmt::format("binding {} ({}): {} texels, the device allows {}", i, want.name, binding.slice.bytes / 16, device.report.max_texel_elements));
-      views[i] = binding.slice.buffer->texel_view(binding.slice.offset, binding.slice.bytes);
+      views[i] = binding.slice.buffer->texel_view(binding.slice.offset, binding.slice.bytes, want.words);
       write.descriptorType = want.type == BindingType::storage_texel_buffer ? VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER : VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER;
       write.pTexelBufferView = &views[i];
     }

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "kernels/vulkan/commands.h"
+#include "kernels/vulkan/cooperative_matrix.h"
 #include "kernels/vulkan/device_state.h"
 #include "shaders/embedded.h"
 
@@ -132,12 +133,18 @@ Device::Device(const DeviceOptions& options) : state_(std::make_unique<DeviceSta
   features12.scalarBlockLayout = VK_TRUE;
   VkPhysicalDeviceFeatures2 features{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, &features12};
   features.features.shaderInt64 = VK_TRUE;
-  const char* extensions[] = {VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME};
+  std::vector<const char*> extensions{VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME};
+  CooperativeMatrixFeature cooperative;
+  if (s.report.cooperative_matrix_missing.empty()) {
+    extensions.push_back(cooperative_matrix_extension());
+    features12.shaderFloat16 = features12.vulkanMemoryModel = VK_TRUE;
+    features12.pNext = cooperative.chained();
+  }
   VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &features};
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
-  info.enabledExtensionCount = 1;
-  info.ppEnabledExtensionNames = extensions;
+  info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
   check(vkCreateDevice(s.physical, &info, nullptr, &s.device), "opening " + s.report.name);
   vkGetDeviceQueue(s.device, s.queue_family, 0, &s.queue);
   s.push_descriptors = reinterpret_cast<PFN_vkCmdPushDescriptorSetKHR>(vkGetDeviceProcAddr(s.device, "vkCmdPushDescriptorSetKHR"));
@@ -212,6 +219,13 @@ Device::~Device() {
 
 const DeviceReport& Device::report() const { return state_->report; }
 Profiler& Device::profiler() { return state_->profiler; }
+
+const std::string& Device::once(const std::string& question, const std::function<std::string()>& ask) {
+  const auto known = state_->answers.find(question);
+  if (known != state_->answers.end()) return known->second;
+  return state_->answers[question] = ask();
+}
+
 uint64_t Device::allocated_bytes() const { return state_->allocated_bytes; }
 uint64_t Device::most_allocated_bytes() const { return state_->most_allocated_bytes; }
 uint64_t Device::memory_ceiling() const { return state_->memory_ceiling; }

@@ -54,7 +54,7 @@ class Buffer {
   uint64_t address() const { return address_; }  // device address of the first byte
   void* mapped() const { return mapped_; }        // nullptr where the host cannot see the memory
   VkBuffer_T* handle() const { return handle_; }
-  VkBufferView_T* texel_view(uint64_t offset, uint64_t bytes);  // rgba32f view, cached
+  VkBufferView_T* texel_view(uint64_t offset, uint64_t bytes, bool words);  // of texels of four floats or four uint32, cached
 
  private:
   struct Views;
@@ -125,6 +125,9 @@ class Device {
     download(from, values.data(), values.size() * sizeof(T));
     return values;
   }
+
+  // What `ask` says of this device, kept: each question is asked once.
+  const std::string& once(const std::string& question, const std::function<std::string()>& ask);
 
   uint64_t allocated_bytes() const;
   uint64_t most_allocated_bytes() const;  // at any moment since the device was opened

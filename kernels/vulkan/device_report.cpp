@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "kernels/vulkan/cooperative_matrix.h"
 #include "kernels/vulkan/device_state.h"
 
 namespace arah {
@@ -54,7 +55,7 @@ DeviceType device_type(VkPhysicalDeviceType type) {
   }
 }
 
-SurveyedDevice survey_one(VkPhysicalDevice handle, uint32_t index) {
+SurveyedDevice survey_one(VkInstance instance, VkPhysicalDevice handle, uint32_t index) {
   SurveyedDevice result;
   result.handle = handle;
   DeviceReport& report = result.report;
@@ -110,10 +111,13 @@ SurveyedDevice survey_one(VkPhysicalDevice handle, uint32_t index) {
     return std::strcmp(e.extensionName, VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME) == 0;
   });
   if (!push) refuse(VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME, "no such extension");
+  report.cooperative_matrix_missing = missing_for_cooperative_matrices(instance, handle, extensions, features12);
 
-  VkFormatProperties texel;
-  vkGetPhysicalDeviceFormatProperties(handle, VK_FORMAT_R32G32B32A32_SFLOAT, &texel);
-  if (!(texel.bufferFeatures & VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT)) refuse("rgba32f storage texel buffers", "none");
+  for (const auto& [format, name] : {std::pair{VK_FORMAT_R32G32B32A32_SFLOAT, "rgba32f"}, {VK_FORMAT_R32G32B32A32_UINT, "rgba32ui"}}) {
+    VkFormatProperties texel;
+    vkGetPhysicalDeviceFormatProperties(handle, format, &texel);
+    if (!(texel.bufferFeatures & VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT)) refuse(fmt::format("{} storage texel buffers", name), "none");
+  }
 
   const VkSubgroupFeatureFlags wanted = VK_SUBGROUP_FEATURE_SHUFFLE_BIT;
   if ((subgroup.supportedOperations & wanted) != wanted || !(subgroup.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) || subgroup.subgroupSize < 8)
@@ -142,7 +146,7 @@ std::vector<SurveyedDevice> survey(VkInstance instance) {
   std::vector<VkPhysicalDevice> handles(count);
   check(vkEnumeratePhysicalDevices(instance, &count, handles.data()), "listing Vulkan devices");
   std::vector<SurveyedDevice> devices;
-  for (uint32_t i = 0; i < count; ++i) devices.push_back(survey_one(handles[i], i));
+  for (uint32_t i = 0; i < count; ++i) devices.push_back(survey_one(instance, handles[i], i));
   return devices;
 }
 

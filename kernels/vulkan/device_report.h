@@ -33,6 +33,9 @@ struct DeviceReport {
   uint32_t max_push_constant_bytes = 0;
   uint32_t subgroup_size = 0;
   double timestamp_period_ns = 0;  // 0: no timestamps
+
+  // What the device lacks of the cooperative matrices that linear/cooperative_forward needs; "": nothing.
+  std::string cooperative_matrix_missing = "Vulkan 1.2";
 };
 
 // Every device that the Vulkan loader lists, in its order; empty where there is none.

@@ -76,6 +76,8 @@ struct DeviceState {
   bool planning = false;        // inside Device::bytes_of: buffers are only counted
   uint64_t planned_bytes = 0;
 
+  std::map<std::string, std::string> answers;  // Device::once
+
   std::mutex message_mutex;
   std::vector<std::string> messages;
 

@@ -18,6 +18,7 @@ struct ShaderBinding {
   uint32_t binding = 0;
   BindingType type = BindingType::storage_buffer;
   std::string name;
+  bool words = false;  // of a texel buffer: its texels are four uint32 instead of four floats
 };
 
 struct ShaderInterface {

@@ -56,7 +56,7 @@ class Module {
       if (storage == class_push_constant) result.push_constant_bytes = size_of(pointee);
       if (id.binding == ~0u) continue;
       if (id.set != 0) throw std::runtime_error("a shader uses a descriptor set other than 0");
-      result.bindings.push_back({id.binding, binding_type(storage, pointee), id.name.empty() ? ids_.at(pointee).name : id.name});
+      result.bindings.push_back({id.binding, binding_type(storage, pointee), id.name.empty() ? ids_.at(pointee).name : id.name, texels_are_words(pointee)});
     }
     std::sort(result.bindings.begin(), result.bindings.end(), [](const auto& a, const auto& b) { return a.binding < b.binding; });
     for (size_t i = 0; i < result.bindings.size(); ++i)
@@ -123,6 +123,11 @@ class Module {
     if (storage == class_uniform_constant && image.op == op_type_image && image.operands[1] == 5)
       return image.operands[5] == 2 ? BindingType::storage_texel_buffer : BindingType::uniform_texel_buffer;
     throw std::runtime_error("a shader binds '" + id.name + "', which is neither a buffer nor a texel buffer");
+  }
+  bool texels_are_words(uint32_t type) const {
+    const Id& id = ids_.at(type);
+    const Id& image = id.op == op_type_sampled_image ? ids_.at(id.operands[0]) : id;
+    return image.op == op_type_image && ids_.at(image.operands[0]).op == op_type_int;
   }
   // Bytes to the end of a type in explicit layout.
   uint32_t size_of(uint32_t type) const {

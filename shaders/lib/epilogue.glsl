@@ -4,12 +4,12 @@
 // MODE_TANGENT     y = a ⊙ act'(stored);                     second: −before ⊙ a ⊙ after
 //   (sine layers: before = h = sin φ, after = ∂f/∂h, a = φ̇, so second = −sin φ · φ̇ · ∂f/∂h: the term of the second-order
 //    backward pass that goes through the curvature of the sine)
-// Include after declaring: MODE, ACTIVATION, HAS_SECOND, HAS_BEFORE, HAS_AFTER (specialization constants) and the
-// bindings 1..5 and push constants below.
+// The result is stored as float32 or, with RESULT_HALF, as halves; all else is float32.
 #ifndef ARAH_LIB_EPILOGUE_GLSL
 #define ARAH_LIB_EPILOGUE_GLSL
 
 #include "lib/activation.glsl"
+#include "lib/half.glsl"
 
 const int MODE_ACTIVATION = 0, MODE_GRADIENT = 1, MODE_TANGENT = 2;
 
@@ -18,14 +18,16 @@ layout(constant_id = 3) const int ACTIVATION = ACTIVATION_NONE;
 layout(constant_id = 4) const int HAS_SECOND = 0;
 layout(constant_id = 5) const int HAS_BEFORE = 0;
 layout(constant_id = 6) const int HAS_AFTER = 0;
+layout(constant_id = 8) const int RESULT_HALF = 0;
 
 layout(binding = 1, scalar) restrict writeonly buffer Result { u64vec4 result[]; };
 layout(binding = 2, scalar) restrict writeonly buffer Second { u64vec4 second_result[]; };
 layout(binding = 3, rgba32f) uniform readonly imageBuffer stored;
 layout(binding = 4, rgba32f) uniform readonly imageBuffer before;
 layout(binding = 5, rgba32f) uniform readonly imageBuffer after;
+layout(binding = 6, scalar) restrict writeonly buffer HalfResult { uvec4 half_result[]; };
 
-// Strides and columns in texels of 4 floats where read, in groups of 8 floats where written.
+// Strides and columns in texels of 4 floats (of 8 halves: linear_input.glsl) where read, in groups of 8 numbers where written.
 layout(push_constant, scalar) uniform Constants {
   uint64_t weights;
   uint x_stride, x_column;
@@ -65,7 +67,9 @@ void store_group(int point, int group, vec4 low, vec4 high) {
   vec4 second_low, second_high;
   const vec4 y_low = finish(point, 2 * group, low, second_low);
   const vec4 y_high = finish(point, 2 * group + 1, high, second_high);
-  result[point * int(result_stride) + int(result_column) + group] = packed(y_low, y_high);
+  const int at = point * int(result_stride) + int(result_column) + group;
+  if (RESULT_HALF == 0) result[at] = packed(y_low, y_high);
+  else half_result[at] = pack_halves(y_low, y_high);
   if (HAS_SECOND != 0) second_result[point * int(second_stride) + int(second_column) + group] = packed(second_low, second_high);
 }
 

@@ -11,13 +11,13 @@
 #extension GL_KHR_shader_subgroup_shuffle : require
 
 layout(local_size_x = 64) in;
-layout(binding = 0, rgba32f) uniform readonly imageBuffer X;
-layout(binding = 6, rgba32f) uniform readonly imageBuffer W;
+layout(binding = 8, rgba32f) uniform readonly imageBuffer W;
 #include "lib/epilogue.glsl"
+#include "lib/linear_input.glsl"
 
 const int LANES = 8;    // of a cluster
 const int POINTS = 16;  // of a cluster: two a lane
-const int TEXELS = 2;   // of inputs in one iteration
+const int TEXELS = 2;   // of four inputs in one iteration
 
 void main() {
   const int lane = int(gl_LocalInvocationIndex & 7u);
@@ -46,7 +46,7 @@ void main() {
       }
       [[unroll]] for (int first = 0; first < POINTS; first += LANES) {
         vec4 x[TEXELS];
-        [[unroll]] for (int j = 0; j < TEXELS; ++j) x[j] = imageLoad(X, x_base + first / LANES * x_next + k + j);
+        read_eight(x_base + first / LANES * x_next, k / TEXELS, x[0], x[1]);
         [[unroll]] for (int p = 0; p < LANES; ++p) {
           [[unroll]] for (int j = 0; j < 4 * TEXELS; ++j) {
             const float of_point = subgroupShuffle(x[j / 4][j & 3], neighbours | uint(p));

@@ -13,10 +13,10 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const int K = 64;     // multiple of 8
 layout(constant_id = 1) const int TILE = 16;  // multiple of 8
-layout(binding = 0, rgba32f) uniform readonly imageBuffer X;
 // volatile: no weight is read twice, and looking for one that is takes the driver time with the square of their number.
 layout(buffer_reference, std430, buffer_reference_align = 16) volatile readonly buffer Weights { vec4 w[]; };
 #include "lib/epilogue.glsl"
+#include "lib/linear_input.glsl"
 
 const int CHUNK = K < 64 ? K : 64;  // channels of X held at a time
 const int QUADS = TILE / 4;
@@ -30,8 +30,8 @@ void main() {
   [[unroll]] for (int first = 0; first < K; first += CHUNK) {
     // all trip counts are constants, or the driver unrolls none of these loops; what lies beyond K folds away
     vec4 x[CHUNK / 4];
-    [[unroll]] for (int k = 0; k < CHUNK / 4; ++k)
-      if (first + 4 * k < K) x[k] = imageLoad(X, x_base + first / 4 + k);
+    [[unroll]] for (int k = 0; k < CHUNK / 4; k += 2)
+      if (first + 4 * k < K) read_eight(x_base, first / 8 + k / 2, x[k], x[k + 1]);
     barrier();
     [[unroll]] for (int pair = 0; pair < QUADS; pair += 2) {
       vec4 low = a[pair], high = a[pair + 1];

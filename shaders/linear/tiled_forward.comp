@@ -13,9 +13,9 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const int K = 64;     // multiple of 8
 layout(constant_id = 1) const int TILE = 16;  // multiple of 8: width of the packing's tiles, see pack_weights
-layout(binding = 0, rgba32f) uniform readonly imageBuffer X;
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Weights { vec4 w[]; };
 #include "lib/epilogue.glsl"
+#include "lib/linear_input.glsl"
 
 const int CHUNK = 16;  // channels in shared memory
 const int QUADS = 16;  // of a tile: 64 points or 64 outputs
@@ -37,7 +37,7 @@ void main() {
   const int output_tiles = (int(outputs) + 63) / 64;
   // what this invocation brings to shared memory
   const int load_quad = local % QUADS, load_texel = local / QUADS;
-  const int load_base = (first_point + 4 * load_quad) * int(x_stride) + int(x_column) + load_texel;
+  const int load_base = (first_point + 4 * load_quad) * int(x_stride) + int(x_column);
   // what it computes
   const int point_quad = local / 8 * 2, output_quad = local % 8 * 2;
 
@@ -54,7 +54,7 @@ void main() {
       // beyond channel K lie other columns of the row, which may hold anything, NaN included
       vec4 rows[4];
       [[unroll]] for (int i = 0; i < 4; ++i)
-        rows[i] = first + 4 * load_texel < K ? imageLoad(X, load_base + i * int(x_stride) + first / 4) : vec4(0);
+        rows[i] = first + 4 * load_texel < K ? read_four(load_base + i * int(x_stride), first / 4 + load_texel) : vec4(0);
       vec4 brought[4];
       [[unroll]] for (int i = 0; i < 4; ++i) {
         const int k = first + load_texel + 4 * i;

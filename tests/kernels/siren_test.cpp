@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "kernels/reference/half.h"
+#include "kernels/reference/linear.h"
 #include "shaders/shared/work_count.h"
 #include "tests/golden_tolerance.h"
 #include "tests/kernels/device_networks.h"
@@ -237,6 +239,47 @@ TEST_F(SirenTest, RefusesATapeThatDoesNotHoldEnough) {
   backward.gradient = false;
   EXPECT_THROW(on.siren.record_backward(commands, on.tape, {65, {}}, backward), std::invalid_argument)
       << "more points than rows";
+}
+
+// Halves between the layers: nearer to a truth that rounds the same sines than that one is to the exact truth.
+TEST_F(SirenTest, KeepsItsSinesAsHalvesWhereTold) {
+  const SirenShape shape{72, 3, 30, true};
+  const uint32_t points = 500;
+  const reference::Siren truth = random_siren(shape);
+  const std::vector<double> x = numbers(points * 3, 0.8);
+  DeviceSiren on(device, truth, true, points, SirenTape::Holds::first_order);
+  SirenTape values(device, "values", shape, points, SirenTape::Holds::values, Element::half, false), with_feature(device, "with a feature", shape, points, SirenTape::Holds::values, Element::half), shaded(device, "shaded", shape, points, SirenTape::Holds::first_order, Element::half);
+  on.siren.record_pack(commands);
+  for (SirenTape* tape : {&values, &with_feature, &shaded}) {
+    write_rows(device, tape->input(), 8, x, points);
+    on.siren.record_forward(commands, *tape, {points, {}}, tape == &shaded);
+  }
+  on.siren.record_gradient(commands, shaded, {points, {}}, false);
+  commands.submit_and_wait();
+  const std::vector<double> found = read_rows(device, values.sdf(), points, 1), feature = read_rows(device, shaded.feature(), points, shape.width), gradient = read_rows(device, shaded.gradient(), points, 3);
+
+  const reference::SirenOutput exact = reference::siren_forward(truth, points, x);
+  std::vector<double> h = x;
+  for (const reference::SirenLayer& layer : truth.layers) {
+    h = reference::linear_pre_activation({points, layer.inputs, layer.outputs}, h, layer.w, layer.b);
+    if (layer.gamma.empty()) break;
+    for (size_t i = 0; i < h.size(); ++i) h[i] = reference::nearest_half(std::sin(truth.omega * (layer.gamma[i % layer.outputs] * h[i] + layer.eta[i % layer.outputs])));
+  }
+  const auto difference = [](const std::vector<double>& a, const std::vector<double>& b) {
+    double squares = 0;
+    for (size_t i = 0; i < a.size(); ++i) squares += (a[i] - b[i]) * (a[i] - b[i]);
+    return std::sqrt(squares / double(a.size()));
+  };
+  std::printf("  mean difference of squares: distance %.2e from the rounding truth, %.2e from the exact one; feature %.2e, gradient %.2e of %.2f\n", difference(found, h), difference(found, exact.sdf), difference(feature, exact.feature),
+              difference(gradient, exact.gradient), difference(exact.gradient, std::vector<double>(exact.gradient.size())));
+  EXPECT_EQ(read_rows(device, with_feature.feature(), points, shape.width), feature);
+  EXPECT_LT(difference(found, h), 0.25 * difference(h, exact.sdf));
+  EXPECT_LT(difference(feature, exact.feature), 5e-4);  // the unit of halves near 1
+
+  EXPECT_THROW(values.feature(), std::logic_error) << "float32 alone is read outside of the network";
+  Siren::Backward backward;
+  backward.scratch = on.scratch.slice();
+  EXPECT_THROW(on.siren.record_backward(commands, shaded, {points, {}}, backward), std::invalid_argument);
 }
 
 }  // namespace

@@ -214,7 +214,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_THAT(study.output, HasSubstr("nearest within the time: paper"));
   EXPECT_THAT(study.output, HasSubstr("fastest within the error: "));
   const std::string csv = read_all(at("study/tradeoff.csv"));
-  for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"preview\"", "\"samples 16\"", "\"least_weight 1e-3\""})
+  for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"preview\"", "\"samples 16\"", "\"least_weight 1e-3\"", "\"arithmetic half_storage\""})
     EXPECT_THAT(csv, HasSubstr(setting));
   // The exact rendering is no distance from itself, and as far from the photograph as its row says.
   const std::vector<std::string> header = comma_separated(csv.substr(0, csv.find('\n'))), paper = comma_separated(csv.substr(csv.find("\"paper\""), csv.find('\n', csv.find("\"paper\"")) - csv.find("\"paper\"")));
@@ -222,6 +222,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   const auto column = [&](const std::string& name) { return std::stod(paper.at(static_cast<std::size_t>(std::find(header.begin(), header.end(), name) - header.begin()))); };
   EXPECT_EQ(column("lpips_exact"), 0);
   EXPECT_GT(column("lpips_photograph"), 0);
+  EXPECT_THAT(study.output, HasSubstr("arithmetic cooperative_matrix")) << "measured, or why not";
   EXPECT_THAT(read_all(at("study/tradeoff.svg")), HasSubstr("<svg"));
   EXPECT_THAT(read_all(at("study/report.html")), HasSubstr("preset fast"));
   const Outcome steps = arah({"tradeoff", at("whole"), capture(), "-o", at("study"), "--training", "--repetitions", "1", "--rays", "64"});

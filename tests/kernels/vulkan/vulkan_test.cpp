@@ -83,6 +83,11 @@ TEST_F(Vulkan, TheInterfaceIsReadFromTheSpirv) {
   EXPECT_EQ(face.bindings[1].type, BindingType::storage_buffer);
   EXPECT_EQ(face.push_constant_bytes, 12u);
   EXPECT_EQ(face.local_size, (std::array<uint32_t, 3>{64, 1, 1}));
+  const ShaderInterface& both = device.pipeline("linear/tiled_forward", {8, 8}).interface;
+  ASSERT_EQ(both.bindings.size(), 8u);
+  EXPECT_FALSE(both.bindings[0].words) << "four floats in a texel";
+  EXPECT_EQ(both.bindings[7].type, BindingType::storage_texel_buffer);
+  EXPECT_TRUE(both.bindings[7].words) << "four words";
 }
 
 TEST_F(Vulkan, EveryEmbeddedShaderHasAnInterfaceAndCutOnesAreRefused) {
