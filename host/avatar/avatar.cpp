@@ -50,6 +50,8 @@ std::span<const float> Avatar::tensor(const std::string& name) const {
   return std::span(parameters).subspan(slot.offset, slot.count);
 }
 
+double density_scale(const Avatar& avatar) { return std::clamp(std::abs(double{avatar.tensor("b")[0]}), 1e-6, 1e6); }
+
 Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> latent_frames, uint64_t seed,
                    const Pose* only_pose) {
   validate_spec(spec, "avatar");

@@ -36,6 +36,9 @@ struct Avatar {
   std::span<const float> tensor(const std::string& name) const;
 };
 
+// b of the Laplace density, metres, within the bounds that shaders/lib/density.glsl sets.
+double density_scale(const Avatar& avatar);
+
 // An untrained avatar with initial_parameters(). latent_frames: distinct; kept only where the spec has a latent size.
 // only_pose: the pose that becomes canonical with Skinning::none, ignored otherwise. A template without GLB bytes is
 // passed through its GLB form once, as saving and loading would. Throws InputError for a spec that is not valid, a body

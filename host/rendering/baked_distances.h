@@ -15,7 +15,7 @@ class BakedDistances {
   BakedDistances(Device& device, const Avatar& avatar, double cell);
 
   // Asks the network, as it is packed now, from coarse to fine: nodes four cells apart where the canonical template is within
-  // 6 cm, then halves of the cells that may come within `band` of the surface. The rest is interpolated; beyond the coarse
+  // 6 cm, then halves of the cells that may come near the surface (10 b, at most 1 cm). The rest is interpolated; beyond the coarse
   // nodes the template's own distance stands. `field`: any that has room for some thousand points. Submits.
   void make_room_for_points(uint32_t at_a_time);  // by bake() itself otherwise
   void bake(Commands& commands, Field& field, const BufferSlice& frame);

@@ -124,10 +124,12 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   sampling.root.correspondence = Correspondence::grid;
   settings.least_weight = 1e-4;
   settings.baked_distances = true;
+  settings.bake_cell = 0.008;
   if (sampling.mode == SamplingMode::surface) sampling.surface = SurfaceSource::mesh;
   if (name == "balanced") return settings;
   sampling.mode = SamplingMode::shell;
   sampling.samples = 20;
+  settings.bake_cell = 0.01;
   settings.color_groups = 1;
   settings.least_weight = 1e-2;
   if (name == "fast") return settings;

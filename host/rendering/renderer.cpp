@@ -30,9 +30,6 @@ uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memor
 constexpr uint32_t most_shaded_at_a_time = 8192;
 constexpr uint32_t searched_at_a_time(uint32_t rays) { return std::min(4 * rays, 4096u); }
 
-// b of the Laplace density, metres (shaders/lib/density.glsl).
-double scale_of_density(const Avatar& avatar) { return std::clamp(std::abs(double{avatar.tensor("b")[0]}), 1e-6, 1e6); }
-
 // Of a pixel (column | row << 16) in a picture of so many columns.
 size_t pixel_index(uint32_t pixel, int width) { return static_cast<size_t>(pixel >> 16) * static_cast<size_t>(width) + (pixel & 0xffff); }
 
@@ -74,7 +71,7 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
   if (bakes()) baked_.emplace(device, avatar, settings.bake_cell);
   if (searches_surface()) surface_finder_.emplace(device, networks_, searched_at_a_time(rays_));
   samples_.emplace(device, networks_, rays_, sampling_);
-  if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * scale_of_density(avatar)));
+  if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * density_scale(avatar)));
   shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals, settings.arithmetic);
 }
 
@@ -129,7 +126,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
     if (progress && !progress(done)) throw std::runtime_error("stopped");
   };
   SurfaceHits surface;
-  if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * scale_of_density(avatar_));
+  if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * density_scale(avatar_));
   const std::vector<uint32_t> seen = pixels_to_render(frame, camera, surface);
   // A search of the surface takes about as long as what follows.
   const double searching = searches_surface() ? 0.5 : 0;

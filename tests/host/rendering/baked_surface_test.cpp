@@ -12,7 +12,8 @@ namespace {
 class BakedSurface : public DeviceTest {};
 
 TEST_F(BakedSurface, IsWhereTheNetworkSays) {
-  const Avatar avatar = capsule_avatar(device, small_paper_spec());
+  Avatar avatar = capsule_avatar(device, small_paper_spec());
+  avatar.tensor("b")[0] = 1e-3f;  // metres: full resolution within 1 cm
   AvatarNetworks networks(device, avatar, false);
   TemplateOnDevice body(device, avatar.body);
   FrameOnDevice frame(device, avatar, body, bent_pose(avatar.body.skeleton), {});
