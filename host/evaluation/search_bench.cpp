@@ -103,7 +103,7 @@ std::vector<SearchBench> run_search_bench(Device& device, const Avatar& avatar, 
     if (progress) progress(0.5 * i / (settings.repetitions + 1));
     device.profiler().reset();
     surface_finder.reset_counts();
-    surface_finder.find(commands, frame, rays, samples.rays(), SurfaceFinder::Candidates::not_diverged, {});
+    surface_finder.find(commands, frame, rays, samples.rays(), samples.kept(), SurfaceFinder::Candidates::not_diverged, {});
     commands.submit_and_wait();
     if (i == 0) continue;
     take_stage("sphere tracing");

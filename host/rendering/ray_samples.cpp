@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "kernels/rays/shell_bins.h"
@@ -95,7 +96,8 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
   bins.grid = frame.shell_grid();
   // A bin is judged by its middle. Where what matters may lie anywhere in it, half its length is added.
   bins.outer = static_cast<float>(settings_.shell.outer + (by_surface() ? half_bin(frame.box()) : 0));
-  bins.inner = static_cast<float>(settings_.shell.inner);
+  // Samples of the shell end deep inside; a ray that looks for the surface goes on to where it leaves the shell.
+  bins.inner = by_surface() ? std::numeric_limits<float>::infinity() : static_cast<float>(settings_.shell.inner);
   bins.rays = rays_.slice();
   bins.distances = frame.shell_distances();
   bins.kept = kept_.slice();
@@ -140,7 +142,7 @@ SurfaceHits RaySamples::search_surface(Commands& commands, FrameOnDevice& frame,
     if (progress) progress(double(first) / double(pixels.size()));
     const auto rays = static_cast<uint32_t>(std::min(at_a_time, pixels.size() - first));
     set_pixels(commands, frame, camera, {pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(first + rays)});
-    finder.find(commands, frame, rays, rays_.slice(), candidates, settings_.root);
+    finder.find(commands, frame, rays, rays_.slice(), kept(), candidates, settings_.root);
     commands.submit_and_wait();
     const auto points = device_.download<std::array<float, 4>>(finder.surface_points().sub(0, rays * 16ull));
     const auto depths = device_.download<float>(finder.surface_depths().elements(0, rays));

@@ -84,6 +84,7 @@ class RaySamples {
   // Whether a sample hides all that is behind it, whatever its distance.
   bool opaque() const { return settings_.mode == SamplingMode::surface_only; }
   BufferSlice rays() { return rays_.slice(); }            // Ray by ray
+  BufferSlice kept() { return bounded_by_shell() ? kept_.slice() : BufferSlice{}; }  // uvec2 by ray: its bins in the shell
   BufferSlice depths() { return depths_.slice(); }        // float by row
   BufferSlice deltas() { return deltas_.slice(); }        // float by row; surface: compositing writes them
   DeltaMode delta_mode() const { return settings_.mode == SamplingMode::surface ? DeltaMode::differences : DeltaMode::given; }

@@ -218,11 +218,12 @@ void SurfaceFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t ra
   counts_.hits += counts.hits;
 }
 
-void SurfaceFinder::find(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Candidates candidates, const RootFindingSettings& settings) {
+void SurfaceFinder::find(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, const BufferSlice& kept, Candidates candidates, const RootFindingSettings& settings) {
   if (rays > capacity_) throw std::invalid_argument(fmt::format("surface search of {} rays in room for {}", rays, capacity_));
   SphereTracing tracing;
   tracing.frame = frame.constants();
   tracing.rays = ray_list;
+  tracing.kept = kept;
   tracing.trace = trace_.slice();
   tracing.posed = posed_.slice();
   tracing.candidates = candidates_.slice();

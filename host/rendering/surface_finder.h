@@ -37,10 +37,10 @@ class SurfaceFinder {
   // be rescued; in pictures only those that sphere tracing did not see leave the box.
   enum class Candidates { in_box, not_diverged };
 
-  // rays: Ray by ray (near ≥ far: skipped). Afterwards surface_points() and surface_depths() hold the answer.
+  // ray_list: Ray by ray (near ≥ far: skipped). kept: uvec2 by ray, or empty: SphereTracing::kept. Afterwards surface_points() and surface_depths() hold the answer.
   // Records into commands and submits: on return all but the last launches are done, and these are recorded.
   // Without a skinning network the traced points are exact correspondences: the end of sphere tracing is the answer.
-  void find(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Candidates candidates, const RootFindingSettings& settings);
+  void find(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, const BufferSlice& kept, Candidates candidates, const RootFindingSettings& settings);
 
   uint32_t capacity() const { return capacity_; }
   BufferSlice surface_points() { return canonical_.slice(); }  // vec4 by ray: canonical metres, w = 1 where the surface is hit

@@ -8,12 +8,14 @@ namespace {
 
 void record(Commands& commands, const char* shader, const char* name, const Rows& rows, const SphereTracing& tracing,
             const Matrix& sdf, const shared::SphereConstants& constants) {
+  std::vector<uint32_t> specialization = rows_specialization(rows);
+  specialization.push_back(!tracing.kept.empty());
   Launch launch;
-  launch.pipeline = &commands.device().pipeline(shader, rows_specialization(rows));
+  launch.pipeline = &commands.device().pipeline(shader, specialization);
   launch.name = name;
   launch.bindings = {
       {tracing.frame, sizeof(FrameConstants)},          tracing.rays, tracing.trace, tracing.posed, tracing.candidates,
-      {tracing.active, uint_bytes(constants.row_limit)}};
+      {tracing.active, uint_bytes(constants.row_limit)}, tracing.kept.empty() ? tracing.rays : tracing.kept};
   if (!sdf.empty()) launch.bindings.push_back(matrix_binding(sdf, constants.row_limit));
   add_rows(launch, rows, tracing.frame);
   launch.push_constants = &constants;

@@ -12,14 +12,16 @@ namespace arah {
 struct SphereTracing {
   BufferSlice frame;       // FrameConstants
   BufferSlice rays;        // Ray by point (= by ray)
+  BufferSlice kept;        // uvec2 by ray: its bins in the template's shell (kernels/rays/shell_bins.h), behind the last of which it is
+                           // not followed; empty: followed to its far end
   BufferSlice trace;       // vec4 by point: depth, sdf at the last evaluated point (both metres), evaluations, status
-                           // (0 under way, 1 on the surface, 2 diverged: depth ≥ far, or an sdf that is not finite)
+                           // (0 under way, 1 on the surface, 2 diverged: depth ≥ its end, or an sdf that is not finite)
   BufferSlice posed;       // out, vec4 by point: c + depth · v − t, w = 1
   BufferSlice candidates;  // out, uint32 by point: 1 unless diverged; the rays of the joint search in evaluation
   BufferSlice active;      // out, uint32 by row: 1 where the ray goes on
 };
 
-// Puts the rays at their near ends. A ray that misses the box (near ≥ far) is diverged at once.
+// Puts the rays at their near ends. A ray that misses the box (near ≥ far) or the shell is diverged at once.
 void record_sphere_start(Commands& commands, const Rows& rows, const SphereTracing& tracing);
 
 struct SphereStepArgs {

@@ -4,5 +4,5 @@
 #define ARAH_LIB_TRACE_STATUS_GLSL
 const float UNDER_WAY = 0.0;
 const float ON_SURFACE = 1.0;  // |sdf| <= tolerance
-const float DIVERGED = 2.0;    // depth >= far, or an sdf that is not finite
+const float DIVERGED = 2.0;    // depth >= where tracing gives up, or an sdf that is not finite
 #endif

@@ -6,6 +6,7 @@
 
 #define ROWS_CONSTANT 0
 #include "lib/rows.glsl"
+#include "lib/trace_end.glsl"
 #include "lib/trace_status.glsl"
 #include "shared/frame.h"
 #include "shared/tracing.h"
@@ -25,7 +26,7 @@ void main() {
   const int ray = point_of_row(row);
   const vec4 origin_near = imageLoad(rays, 2 * ray), direction_far = imageLoad(rays, 2 * ray + 1);
   const float depth = origin_near.w;
-  const bool inside = depth < direction_far.w;
+  const bool inside = depth < trace_end(ray, origin_near.w, direction_far.w);
   if (exists) {
     trace[ray] = vec4(depth, 0.0, 0.0, inside ? UNDER_WAY : DIVERGED);
     posed[ray] = vec4(origin_near.xyz + depth * direction_far.xyz - frame.root_translation, 1.0);

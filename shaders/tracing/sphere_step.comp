@@ -8,6 +8,7 @@
 #define ROWS_CONSTANT 0
 #include "lib/finite.glsl"
 #include "lib/rows.glsl"
+#include "lib/trace_end.glsl"
 #include "lib/trace_status.glsl"
 #include "shared/frame.h"
 #include "shared/tracing.h"
@@ -19,7 +20,7 @@ layout(binding = 4, scalar) restrict buffer Trace { vec4 trace[]; };
 layout(binding = 5, scalar) restrict writeonly buffer Posed { vec4 posed[]; };
 layout(binding = 6, scalar) restrict writeonly buffer Candidates { uint candidates[]; };
 layout(binding = 7, scalar) restrict writeonly buffer Active { uint active_rows[]; };
-layout(binding = 8, rgba32f) uniform readonly imageBuffer sdf;
+layout(binding = 9, rgba32f) uniform readonly imageBuffer sdf;
 layout(push_constant, scalar) uniform Constants { SphereConstants constants; };
 
 void main() {
@@ -34,7 +35,7 @@ void main() {
   const bool on_surface = abs(distance) <= constants.tolerance;
   const float step_length = on_surface || !is_finite(distance) ? 0.0 : clamp(distance, -constants.max_step, constants.max_step);
   const float depth = before.x + step_length;
-  const bool diverged = !is_finite(distance) || depth >= direction_far.w;
+  const bool diverged = !is_finite(distance) || depth >= trace_end(ray, origin_near.w, direction_far.w);
   const float status = diverged ? DIVERGED : on_surface ? ON_SURFACE : UNDER_WAY;
   if (moves) {
     trace[ray] = vec4(depth, distance, before.z + 1.0, status);
