@@ -21,6 +21,7 @@ namespace arah {
 //   distances [network]  network, baked: of samples; baked ones are interpolated in a grid that is made once for each code
 //   bake_cell [0.006]  metres between the nodes of that grid, which the mesh is made of too
 //   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
+//   trace_start [box]  box, shell: where sphere tracing begins, the body's box or the template's shell (5.5 cm)
 //   root_tolerance [1e-5]  metres, of a correspondence's residual
 //   root_max_iterations [50]  of a correspondence's search
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for

@@ -24,6 +24,8 @@ struct RootFindingSettings {
   uint32_t max_iterations = 50;  // the paper's; fewer drop the slow tail (98 % converge within 11)
   float tolerance = 1e-5f;       // metres
   Correspondence correspondence = Correspondence::search;
+  // Whether sphere tracing begins where a ray enters the template's shell (SphereTracing::from_shell) and not at the body's box.
+  bool trace_from_shell = false;
 };
 
 // What became of the searches since the last reset.

@@ -224,6 +224,7 @@ void SurfaceFinder::find(Commands& commands, FrameOnDevice& frame, uint32_t rays
   tracing.frame = frame.constants();
   tracing.rays = ray_list;
   tracing.kept = kept;
+  tracing.from_shell = settings.trace_from_shell;
   tracing.trace = trace_.slice();
   tracing.posed = posed_.slice();
   tracing.candidates = candidates_.slice();

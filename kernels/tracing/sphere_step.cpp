@@ -10,6 +10,7 @@ void record(Commands& commands, const char* shader, const char* name, const Rows
             const Matrix& sdf, const shared::SphereConstants& constants) {
   std::vector<uint32_t> specialization = rows_specialization(rows);
   specialization.push_back(!tracing.kept.empty());
+  specialization.push_back(!tracing.kept.empty() && tracing.from_shell);
   Launch launch;
   launch.pipeline = &commands.device().pipeline(shader, specialization);
   launch.name = name;

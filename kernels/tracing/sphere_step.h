@@ -14,6 +14,7 @@ struct SphereTracing {
   BufferSlice rays;        // Ray by point (= by ray)
   BufferSlice kept;        // uvec2 by ray: its bins in the template's shell (kernels/rays/shell_bins.h), behind the last of which it is
                            // not followed; empty: followed to its far end
+  bool from_shell = false; // with kept: begins where the ray enters the shell, not at its near end
   BufferSlice trace;       // vec4 by point: depth, sdf at the last evaluated point (both metres), evaluations, status
                            // (0 under way, 1 on the surface, 2 diverged: depth ≥ its end, or an sdf that is not finite)
   BufferSlice posed;       // out, vec4 by point: c + depth · v − t, w = 1
@@ -21,7 +22,7 @@ struct SphereTracing {
   BufferSlice active;      // out, uint32 by row: 1 where the ray goes on
 };
 
-// Puts the rays at their near ends. A ray that misses the box (near ≥ far) or the shell is diverged at once.
+// Puts the rays at their near ends, or where they enter the shell. A ray that misses the box (near ≥ far) or the shell is diverged at once.
 void record_sphere_start(Commands& commands, const Rows& rows, const SphereTracing& tracing);
 
 struct SphereStepArgs {

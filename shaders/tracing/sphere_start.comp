@@ -1,4 +1,4 @@
-// Starts sphere tracing: one invocation puts one row's ray at its near end and writes the posed point there.
+// Starts sphere tracing: one invocation puts one row's ray where it begins to be followed and writes the posed point there.
 // trace: depth, sdf at the last evaluated point, evaluations, status (lib/trace_status.glsl).
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -6,7 +6,7 @@
 
 #define ROWS_CONSTANT 0
 #include "lib/rows.glsl"
-#include "lib/trace_end.glsl"
+#include "lib/trace_range.glsl"
 #include "lib/trace_status.glsl"
 #include "shared/frame.h"
 #include "shared/tracing.h"
@@ -25,7 +25,7 @@ void main() {
   const bool exists = row < row_count(constants.row_limit);
   const int ray = point_of_row(row);
   const vec4 origin_near = imageLoad(rays, 2 * ray), direction_far = imageLoad(rays, 2 * ray + 1);
-  const float depth = origin_near.w;
+  const float depth = trace_begin(ray, origin_near.w, direction_far.w);
   const bool inside = depth < trace_end(ray, origin_near.w, direction_far.w);
   if (exists) {
     trace[ray] = vec4(depth, 0.0, 0.0, inside ? UNDER_WAY : DIVERGED);

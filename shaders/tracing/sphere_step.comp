@@ -8,7 +8,7 @@
 #define ROWS_CONSTANT 0
 #include "lib/finite.glsl"
 #include "lib/rows.glsl"
-#include "lib/trace_end.glsl"
+#include "lib/trace_range.glsl"
 #include "lib/trace_status.glsl"
 #include "shared/frame.h"
 #include "shared/tracing.h"

@@ -9,10 +9,13 @@
 namespace arah {
 namespace {
 
-// Whether the rays end where they leave the shell.
-class SphereTracingTest : public DeviceTest, public testing::WithParamInterface<bool> {};
+// Which part of a ray is followed.
+enum class Part { in_box, to_end_of_shell, in_shell };
+class SphereTracingTest : public DeviceTest, public testing::WithParamInterface<Part> {};
 
-INSTANTIATE_TEST_SUITE_P(Ends, SphereTracingTest, testing::Values(false, true), [](const auto& test) { return test.param ? "OfTheShell" : "OfTheBox"; });
+INSTANTIATE_TEST_SUITE_P(Parts, SphereTracingTest, testing::Values(Part::in_box, Part::to_end_of_shell, Part::in_shell), [](const auto& test) {
+  return test.param == Part::in_box ? "InBox" : test.param == Part::in_shell ? "InShell" : "ToEndOfShell";
+});
 
 TEST_P(SphereTracingTest, FollowsTheReference) {
   const Body body = small_body(generator, 0.3);
@@ -36,20 +39,21 @@ TEST_P(SphereTracingTest, FollowsTheReference) {
          active = empty("active", padded * 4), scratch = empty("scratch", 4);
   Buffer ids[2] = {empty("ids 0", padded * 4), empty("ids 1", padded * 4)},
          work[2] = {empty("work 0", 16), empty("work 1", 16)}, sdf = empty("sdf", padded * 32);
-  // Any bins: the last one counts. Ray 9 has none, and is not followed.
+  // Any bins: the first and the last count. Ray 9 has none, and is not followed.
+  const bool by_shell = GetParam() != Part::in_box;
   std::vector<std::array<uint32_t, 2>> bins(padded, {0, 0});
-  std::vector<double> ends;
+  std::vector<double> begins, ends;
   for (uint32_t r = 0; r < count; ++r) {
-    const uint32_t last = r == 9 ? 0 : generator() % 64;
-    if (r != 9) {
-      const uint64_t bits = 1ull << last | (generator() & ((1ull << last) - 1));
-      bins[r] = {static_cast<uint32_t>(bits), static_cast<uint32_t>(bits >> 32)};
-    }
+    const uint32_t last = generator() % 64, first = generator() % (last / 2 + 1);
     const double near = scene.rays[r].near, far = scene.rays[r].far;
-    ends.push_back(!GetParam() ? far : r == 9 ? near : near + (last + 1) * (far - near) / 64);
+    begins.push_back(GetParam() == Part::in_shell ? near + first * (far - near) / 64 : near);
+    ends.push_back(by_shell ? near + (last + 1) * (far - near) / 64 : far);
+    if (r == 9) continue;
+    const uint64_t between = ((1ull << last) - 1) & ~((1ull << first) - 1), bits = 1ull << last | 1ull << first | (generator() & between);
+    bins[r] = {static_cast<uint32_t>(bits), static_cast<uint32_t>(bits >> 32)};
   }
   Buffer kept = filled("kept bins", bins);
-  const SphereTracing tracing{frame.slice(), rays.slice(), GetParam() ? kept.slice() : BufferSlice{}, trace.slice(), posed.slice(), candidates.slice(), active.slice()};
+  const SphereTracing tracing{frame.slice(), rays.slice(), by_shell ? kept.slice() : BufferSlice{}, GetParam() == Part::in_shell, trace.slice(), posed.slice(), candidates.slice(), active.slice()};
   Rows rows{{count, {}}, {}};
   record_sphere_start(commands, rows, tracing);
   for (uint32_t iteration = 0; iteration < 50; ++iteration) {
@@ -80,13 +84,13 @@ TEST_P(SphereTracingTest, FollowsTheReference) {
     const Ray& ray = scene.rays[r];
     Vector3 origin, direction{ray.direction[0], ray.direction[1], ray.direction[2]};
     for (size_t i = 0; i < 3; ++i) origin[i] = ray.origin[i] - scene.root_translation[i];
-    if (r == 8 || r == 5 || r == 6 || (r == 9 && GetParam())) {
+    if (r == 8 || r == 5 || r == 6 || (r == 9 && by_shell)) {
       EXPECT_EQ(found[4 * r + 3], 2) << r;
       EXPECT_EQ(candidate[r], 0u);
       continue;
     }
     const auto truth = reference::trace_sphere(
-        origin, direction, ray.near, ends[r],
+        origin, direction, begins[r], ends[r],
         [&](const Vector3& q) {
           return reference::Correspondence{q, {}, 0};
         },
@@ -100,7 +104,7 @@ TEST_P(SphereTracingTest, FollowsTheReference) {
     expected.push_back(truth.depth);
   }
   std::printf("  %u rays on the surface, %u past it\n", on_surface, diverged);
-  EXPECT_GT(on_surface, GetParam() ? 20u : 50u);
+  EXPECT_GT(on_surface, by_shell ? 20u : 50u);
   EXPECT_GT(diverged, 20u);
   expect_all_near("depths of sphere tracing", depths, expected, 3e-5);
 }
