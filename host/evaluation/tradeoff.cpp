@@ -35,6 +35,7 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact, bool cooperative_
   if (exact.mode == SamplingMode::surface) {
     knob("shell_bound", {"false"});
     knob("trace_start", {"shell"});
+    knob("trace_tolerance", {"1e-4", "1e-3"});
     knob("surface", {"mesh"});
     knob("around_surface", {"9", "5"});
     knob("half_width_b", {"10", "5"});

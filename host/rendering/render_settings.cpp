@@ -83,6 +83,8 @@ const std::vector<Knob>& knobs() {
          s.sampling->root.trace_from_shell = v == "shell";
        },
        [](const Settings& s) { return Json(s.sampling->root.trace_from_shell ? "shell" : "box"); }},
+      {"trace_tolerance", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.trace_tolerance = static_cast<float>(number(n, v, 1e-7, 1, false)); },
+       [](const Settings& s) { return Json(s.sampling->root.trace_tolerance); }},
       {"root_tolerance", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.tolerance = static_cast<float>(number(n, v, 1e-7, 1, false)); },
        [](const Settings& s) { return Json(s.sampling->root.tolerance); }},
       {"root_max_iterations", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.max_iterations = static_cast<uint32_t>(number(n, v, 1, 1000, true)); },

@@ -22,6 +22,7 @@ namespace arah {
 //   bake_cell [0.006]  metres between the nodes of that grid, which the mesh is made of too
 //   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
 //   trace_start [box]  box, shell: where sphere tracing begins, the body's box or the template's shell (5.5 cm)
+//   trace_tolerance [1e-5]  metres, of the distance at which sphere tracing leaves the rest to the joint search
 //   root_tolerance [1e-5]  metres, of a correspondence's residual
 //   root_max_iterations [50]  of a correspondence's search
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for

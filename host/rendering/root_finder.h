@@ -26,6 +26,7 @@ struct RootFindingSettings {
   Correspondence correspondence = Correspondence::search;
   // Whether sphere tracing begins where a ray enters the template's shell (SphereTracing::from_shell) and not at the body's box.
   bool trace_from_shell = false;
+  float trace_tolerance = 1e-5f;  // metres, of the distance at which sphere tracing leaves the rest to the joint search
 };
 
 // What became of the searches since the last reset.

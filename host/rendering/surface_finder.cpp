@@ -123,7 +123,7 @@ void SurfaceFinder::record_skinning(Commands& commands, FrameOnDevice& frame, co
   record_jacobian(commands, result);
 }
 
-void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing) {
+void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing, float tolerance) {
   commands.stage("sphere tracing");
   record_sphere_start(commands, {{rays, {}}, {}}, tracing);
   record_compaction(commands, {{rays, {}}, {}}, active_, in_box_);
@@ -145,6 +145,7 @@ void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t ray
       step.rows = rows;
       step.tracing = tracing;
       step.sdf = sdf_tape_->sdf();
+      step.tolerance = tolerance;
       record_sphere_step(commands, step);
       record_compaction(commands, rows, active_, queues_[next]);
       from = &queues_[next];
@@ -229,7 +230,7 @@ void SurfaceFinder::find(Commands& commands, FrameOnDevice& frame, uint32_t rays
   tracing.posed = posed_.slice();
   tracing.candidates = candidates_.slice();
   tracing.active = active_.slice();
-  trace(commands, frame, rays, tracing);
+  trace(commands, frame, rays, tracing, settings.trace_tolerance);
   if (networks_.spec().skinning.kind != Skinning::network) {
     AcceptTracedArgs accept;
     accept.rays = rays;

@@ -56,7 +56,7 @@ class SurfaceFinder {
   Rows rows_of(uint32_t rays, Queue& queue) const;
   uint32_t length(Queue& queue);
   void record_compaction(Commands& commands, const Rows& rows, Buffer& flags, Queue& to);
-  void trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing);
+  void trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing, float tolerance);
   void record_sdf(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool gradient);
   void record_skinning(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool jacobian);
   void search(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Queue& start, const RootFindingSettings& settings);

@@ -111,6 +111,7 @@ TEST_F(SamplingModes, KnobsCostWhatTheySay) {
   EXPECT_LE(difference("surface, without the shell's bound", around, picture("surface", {{"shell_bound", "false"}})).largest, 64 * 1.2e-7);
   // Another start ends at another place within the tolerance of 1e-5 m: two of these in b = 2 mm.
   EXPECT_LE(difference("surface, traced from the shell", around, picture("surface", {{"trace_start", "shell"}})).largest, 2e-5 / 2e-3);
+  EXPECT_LE(difference("surface, traced to a millimetre", around, picture("surface", {{"trace_tolerance", "1e-3"}})).largest, 2e-5 / 2e-3);
   const Picture exact = picture("shell", {});
   EXPECT_LE(difference("shell, from the grid", exact, picture("shell", {{"root_correspondence", "search_from_grid"}})).root_mean_square, 2e-4);
   EXPECT_LE(difference("shell, the grid's answer", exact, picture("shell", {{"root_correspondence", "grid"}})).root_mean_square, 5e-3);
