@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
-
 #include "host/avatar/avatar_file.h"
 #include "host/evaluation/evaluate.h"
 #include "host/evaluation/plot.h"
