@@ -13,6 +13,7 @@ namespace {
 
 constexpr int coarse_edge = 4;      // cells: two halvings
 constexpr double rough_reach = 0.06;  // metres from the template: the network answers here; the shell ends at 5.5 cm
+constexpr double steepest = 1.2;      // the network is a distance only nearly: its slope near the surface, at most
 
 // Metres from the surface in full resolution: 10 b away the density is within e⁻¹⁰ of what it is far away. At most 1 cm, at least
 // half a cell.
@@ -110,19 +111,14 @@ void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& f
 
   for (int edge = coarse_edge; edge > 1; edge /= 2) {
     const int half = edge / 2;
-    // Of a corner. Between corners on one side of the surface the distance falls below theirs by the field's curvature alone,
-    // h²/8 of it: a quarter of an edge h about a finger whose radius is half of one.
-    const double near = full_band(avatar_, samples_.cell) + 0.5 * edge * samples_.cell;
+    // Of a corner. Between corners the distance falls below theirs by the field's curvature, h²/8 of it: a quarter of an edge h about
+    // a finger whose radius is half of one. And no surface may be missed: none is farther from a corner than half the diagonal.
+    const double h = edge * samples_.cell, near = std::max(full_band(avatar_, samples_.cell) + h / 2, steepest * std::sqrt(3.0) / 2 * h);
     std::vector<glm::ivec3> finer;
     asked.clear();
     for (const glm::ivec3& cell : cells) {
-      bool reaches = false, inside = false, outside = false;
-      for (int i = 0; i < 8; ++i) {
-        const double corner = double{samples_.values[samples_.index(cell.x + edge * (i & 1), cell.y + edge * (i >> 1 & 1), cell.z + edge * (i >> 2))]};
-        reaches |= std::abs(corner) < near;
-        (corner < 0 ? inside : outside) = true;
-      }
-      reaches |= inside && outside;
+      bool reaches = false;
+      for (int i = 0; i < 8; ++i) reaches |= std::abs(double{samples_.values[samples_.index(cell.x + edge * (i & 1), cell.y + edge * (i >> 1 & 1), cell.z + edge * (i >> 2))]}) < near;
       if (!reaches) continue;
       for (int i = 0; i < 27; ++i) ask(cell + half * glm::ivec3(i % 3, i / 3 % 3, i / 9));
       for (int i = 0; i < 8; ++i) finer.push_back(cell + half * glm::ivec3(i & 1, i >> 1 & 1, i >> 2));
