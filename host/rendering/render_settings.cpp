@@ -144,6 +144,7 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   sampling.mode = SamplingMode::surface_only;
   sampling.samples = 1;
   sampling.surface = SurfaceSource::mesh;
+  settings.bake_cell = 0.008;  // coarser cells reach farther out, where the network was never taught and has surfaces of its own
   settings.outline = 0.5;
   if (name == "preview") return settings;
   throw InputError("--quality", "", fmt::format("one of {}", fmt::join(render_presets(), ", ")), "'" + name + "'");
