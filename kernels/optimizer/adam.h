@@ -1,6 +1,7 @@
 // One Adam step over a range of the flat parameter buffers (reference::adam_step, update_average; ARAH.md section 7).
 #pragma once
 
+#include "kernels/optimizer/outer_product.h"
 #include "kernels/vulkan/commands.h"
 #include "shaders/shared/optimizer.h"
 
@@ -17,7 +18,8 @@ struct AdamArgs {
   double average_decay = 0;  // of the moving average
   BufferSlice
       parameters;         // float, as all below: the same multiple of 64 numbers each; may exceed what is bound at once
-  BufferSlice gradients;  // not changed, except lazy ones
+  BufferSlice gradients;  // not changed, except lazy ones; empty where `outer` gives them
+  OuterProduct outer;     // the gradient of a matrix [rows][columns], which the range holds up to its padding
   BufferSlice first_moments;
   BufferSlice second_moments;
   BufferSlice averages;  // empty: none is kept
@@ -31,7 +33,8 @@ struct AdamArgs {
   float gradient_unit = 1;
 };
 
-// Throws std::invalid_argument where the ranges differ in length, are no multiple of 64 numbers, or step is 0.
+// Throws std::invalid_argument where the ranges differ in length, are no multiple of 64 numbers, an outer product does not fit
+// its range, or step is 0.
 void record_adam(Commands& commands, const AdamArgs& args);
 
 }  // namespace arah

@@ -4,12 +4,14 @@
 // Lazy: the gradient is int32 in fixed point; where an eight's words are all 0 nothing is touched, moments and average
 // included; elsewhere the words are set back to 0. One invocation looks through 8 eights and steps the few that it must
 // one after the other: a CPU device runs a branch that no lane takes at nearly the price of one that all take.
+// Outer product: the gradient of row r and column k is Σ_i a_i[r] b_i[k], formed here (kernels/optimizer/outer_product.h).
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/eight_floats.glsl"
+#include "lib/elements.glsl"
 #include "shared/optimizer.h"
 
 layout(local_size_x = 64) in;
@@ -19,10 +21,11 @@ layout(constant_id = 2) const uint with_average = 1;
 // Lazy: look for words that are not 0 through the texel view. Five times faster on a CPU device, which hands the bits on;
 // others may flush small integers, which are denormal floats, to 0.
 layout(constant_id = 3) const uint words_as_texels = 0;
+layout(constant_id = 4) const uint outer_columns = 0;  // of an outer product, a multiple of 8; 0: the gradient is a range
 
 layout(push_constant, scalar) uniform Constants { AdamConstants c; };
 layout(binding = 0, rgba32f) uniform readonly imageBuffer old_parameters;
-layout(binding = 1, rgba32f) uniform readonly imageBuffer gradients;
+layout(binding = 1, rgba32f) uniform readonly imageBuffer gradients;  // outer product: b
 layout(binding = 2, rgba32f) uniform readonly imageBuffer old_first_moments;
 layout(binding = 3, rgba32f) uniform readonly imageBuffer old_second_moments;
 layout(binding = 4, rgba32f) uniform readonly imageBuffer old_averages;
@@ -33,6 +36,7 @@ layout(binding = 7, scalar) buffer FixedGradients { u64vec4 fixed_gradients[]; }
 layout(binding = 8, scalar) writeonly buffer FirstMoments { u64vec4 first_moments[]; };
 layout(binding = 9, scalar) writeonly buffer SecondMoments { u64vec4 second_moments[]; };
 layout(binding = 10, scalar) writeonly buffer Averages { u64vec4 averages[]; };
+layout(binding = 11, rgba32f) uniform readonly imageBuffer outer_rows;  // a
 
 void step4(inout vec4 p, vec4 gradient, inout vec4 m, inout vec4 v, inout vec4 average, float scale) {
   vec4 g = scale * gradient + c.weight_decay * p;
@@ -69,6 +73,17 @@ void main() {
   if (lazy == 0u) {
     uint at = gl_GlobalInvocationID.x;
     uint within = min(at, eights - 1u);
+    if (outer_columns != 0u) {
+      uint row = (c.first_eight + within) / (outer_columns / 8u), column = c.first_column + 2u * ((c.first_eight + within) % (outer_columns / 8u));
+      EightFloats gradient = EightFloats(vec4(0.0), vec4(0.0));
+      for (uint i = 0u; i < c.pairs; ++i) {
+        float a = ELEMENT(outer_rows, i * c.row_stride + row);
+        gradient.low += a * imageLoad(gradients, int(i * c.column_stride + column));
+        gradient.high += a * imageLoad(gradients, int(i * c.column_stride + column) + 1);
+      }
+      step8(within, gradient, scale, usable && at < eights);
+      return;
+    }
     step8(within, EightFloats(imageLoad(gradients, 2 * int(within)), imageLoad(gradients, 2 * int(within) + 1)), scale, usable && at < eights);
     return;
   }

@@ -34,6 +34,14 @@ struct SdfPenaltyConstants {
   uint d_column;
 };
 
+struct ParameterNormConstants {
+  uint numbers;  // of this tensor
+  float inverse_count;  // 1 / numbers of all
+  float weight;
+  uint first;  // 1: adds the value to the losses
+  uint slot;
+};
+
 #ifdef __cplusplus
 static_assert(sizeof(ImageLossConstants) == 16);
 static_assert(sizeof(EikonalConstants) == 32);

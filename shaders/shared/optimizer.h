@@ -54,12 +54,27 @@ struct AdamConstants {
   float weight_decay;
   float one_minus_average_decay;
   float gradient_unit;  // lazy: the gradient that 1 of its integers stands for
+  // Of an outer product:
+  uint first_eight;  // of this launch
+  uint pairs;
+  uint row_stride;     // floats
+  uint first_column;   // texels of 4
+  uint column_stride;  // texels of 4
+};
+
+struct OuterNormConstants {
+  uint row_texels;
+  uint row_stride;  // texels, as all here
+  uint column_texels;
+  uint first_column;
+  uint column_stride;
+  uint first_partial;
 };
 
 #ifdef __cplusplus
 static_assert(sizeof(GradientNorm) == 16);
 static_assert(sizeof(SquaresPartial) == 8);
-static_assert(sizeof(AdamConstants) == 48);
+static_assert(sizeof(AdamConstants) == 68);
 }  // namespace arah::shared
 #endif
 #endif
