@@ -91,6 +91,23 @@ std::size_t latent_row(const Avatar& avatar, int frame) {
   return found == frames.end() ? frames.size() - 1 : static_cast<std::size_t>(found - frames.begin());
 }
 
+std::vector<float> pose_input(const Avatar& avatar, const Pose& pose) {
+  if (avatar.spec.sdf.pose == PoseConditioning::none) return {};
+  const Skeleton& skeleton = avatar.body.skeleton;
+  if (pose.theta.size() != skeleton.size()) throw std::invalid_argument("a pose with another number of joints than the avatar's body");
+  std::vector<float> input;
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    const glm::dmat3 rotation = j == 0 ? glm::dmat3(1.0) : rotation_from_axis_angle(pose.theta[j]);
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column) input.push_back(static_cast<float>(rotation[column][row]));
+  }
+  for (const glm::dvec3& joint : skeleton.rest_joints) {
+    const glm::dvec3 n = avatar.cube.to_cube(joint);
+    for (int axis = 0; axis < 3; ++axis) input.push_back(static_cast<float>(n[axis]));
+  }
+  return input;
+}
+
 void check_finite(const Avatar& avatar) {
   for (const TensorSlot& slot : avatar.layout.slots) {
     const std::span<const float> values = avatar.tensor(slot.name);
@@ -117,6 +134,10 @@ std::string describe(const Avatar& avatar) {
   say("  skinning: {}{}", to_string(spec.skinning.kind), sizes_text(skinning_widths(spec, logits)));
   say("  SDF:{} (sine, omega {}), conditioning {}{}", sizes_text(sdf_widths(spec)), spec.sdf.omega,
       to_string(spec.sdf.conditioning), sizes_text(mapping_widths(spec)));
+  if (spec.sdf.pose != PoseConditioning::none) {
+    say("  SDF by pose: {}{} a layer", to_string(spec.sdf.pose),
+        sizes_text(pose_widths(spec, static_cast<uint32_t>(avatar.body.skeleton.size()))));
+  }
   std::vector<std::string> inputs{"position"};
   if (spec.color.view) inputs.push_back("view");
   if (spec.color.normal) inputs.push_back("normal");

@@ -53,6 +53,11 @@ Avatar make_avatar(const AvatarSpec& spec, const Capture& capture, uint64_t seed
 // std::out_of_range where the avatar has no codes.
 std::size_t latent_row(const Avatar& avatar, int frame);
 
+// What a pose-conditioned SDF reads of a pose: each joint's rotation, row by row, the root's as the identity; then the rest
+// joints in the cube, which carry the body's shape (ARAH.md section 1, "Pose input θ"): [joints][9], [joints][3]. Empty where
+// the SDF does not follow the pose. Throws std::invalid_argument for a pose of another number of joints.
+std::vector<float> pose_input(const Avatar& avatar, const Pose& pose);
+
 // Throws std::runtime_error naming the first tensor and element that is NaN or infinite.
 void check_finite(const Avatar& avatar);
 

@@ -33,7 +33,7 @@ AvatarSpec paper_spec() {
   AvatarSpec spec;
   spec.preset = "paper";
   spec.skinning = {Skinning::network, 128, 4};
-  spec.sdf = {256, 6, 30.0, SdfConditioning::latent, 256, 3};
+  spec.sdf = {256, 6, 30.0, SdfConditioning::latent, 256, 3, PoseConditioning::hypernetwork, 256, 2};
   spec.color = {256, 5, 3, 128, true, true, true, true};
   spec.latent_size = 128;
   spec.latent_init_std = 1.0;
@@ -89,6 +89,12 @@ void validate_spec(const AvatarSpec& spec, const std::string& where) {
   const bool conditioned = spec.sdf.conditioning == SdfConditioning::latent;
   sized(conditioned, "conditioning", "sdf.mapping_width", spec.sdf.mapping_width, kMostWidth);
   sized(conditioned, "conditioning", "sdf.mapping_hidden_layers", spec.sdf.mapping_hidden_layers, kMostLayers);
+  const bool posed = spec.sdf.pose != PoseConditioning::none;
+  sized(posed, "sdf.pose", "sdf.pose_width", spec.sdf.pose_width, kMostWidth);
+  sized(posed, "sdf.pose", "sdf.pose_hidden_layers", spec.sdf.pose_hidden_layers, kMostLayers);
+  if (spec.sdf.pose_width % 8 != 0) {
+    throw InputError(where, "sdf.pose_width", "a multiple of 8", fmt::format("{}", spec.sdf.pose_width));
+  }
 
   in_range("color.width", spec.color.width, 1, kMostWidth);
   in_range("color.hidden_layers", spec.color.hidden_layers, 1, kMostLayers);
@@ -122,6 +128,18 @@ const char* to_string(SdfConditioning conditioning) {
   return conditioning == SdfConditioning::none ? "none" : "latent";
 }
 
+const char* to_string(PoseConditioning pose) {
+  switch (pose) {
+    case PoseConditioning::none:
+      return "none";
+    case PoseConditioning::low_rank:
+      return "low_rank";
+    case PoseConditioning::hypernetwork:
+      return "hypernetwork";
+  }
+  return "unknown";
+}
+
 std::vector<uint32_t> sdf_widths(const AvatarSpec& spec) {
   std::vector<uint32_t> widths(spec.sdf.sine_layers + 2, spec.sdf.width);
   widths.front() = 3;
@@ -134,6 +152,13 @@ std::vector<uint32_t> mapping_widths(const AvatarSpec& spec) {
   std::vector<uint32_t> widths(spec.sdf.mapping_hidden_layers + 2, spec.sdf.mapping_width);
   widths.front() = spec.latent_size;
   widths.back() = 2 * spec.sdf.sine_layers * spec.sdf.width;
+  return widths;
+}
+
+std::vector<uint32_t> pose_widths(const AvatarSpec& spec, uint32_t joints) {
+  if (spec.sdf.pose == PoseConditioning::none) return {};
+  std::vector<uint32_t> widths(spec.sdf.pose_hidden_layers + 1, spec.sdf.pose_width);
+  widths.front() = kPoseFeatures * joints;
   return widths;
 }
 

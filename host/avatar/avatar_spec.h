@@ -25,6 +25,11 @@ struct SkinningSpec {
 // mapping network (ARAH.md section 1).
 enum class SdfConditioning { none, latent };
 
+// How the SDF follows the body's pose (ARAH.md section 1; kernels/conditioning/pose_networks.h). none: not at all.
+// low_rank: each layer's matrix changes by outer products whose factors the pose sets. hypernetwork: the paper's, which
+// makes every number of the SDF from the pose.
+enum class PoseConditioning { none, low_rank, hypernetwork };
+
 struct SdfSpec {
   uint32_t width = 64;       // of the sine layers, and of the feature that the colour network may read, 1..1024
   uint32_t sine_layers = 4;  // 1..16; a linear layer to one number follows
@@ -32,6 +37,9 @@ struct SdfSpec {
   SdfConditioning conditioning = SdfConditioning::none;
   uint32_t mapping_width = 0;          // hidden width of the mapping network, 1..1024; 0 without conditioning
   uint32_t mapping_hidden_layers = 0;  // 1..16; 0 without conditioning
+  PoseConditioning pose = PoseConditioning::none;
+  uint32_t pose_width = 0;          // of the hypernetwork's hidden layers; the rank. A multiple of 8 to 1024; 0 without pose
+  uint32_t pose_hidden_layers = 0;  // 1..16; 0 without pose
 
   bool operator==(const SdfSpec&) const = default;
 };
@@ -67,9 +75,13 @@ struct AvatarSpec {
 // Features that a node of the grid holds, and channels of the encoded view direction.
 inline constexpr uint32_t kGridFeatures = 4;
 inline constexpr uint32_t kViewChannels = 27;
+// The pose encoder's numbers of a joint: input (R 9, J 3), output, and hidden (the input, its bone's length, its parent's).
+inline constexpr uint32_t kPoseChannels = 12;
+inline constexpr uint32_t kPoseFeatures = 6;
+inline constexpr uint32_t kPoseHidden = kPoseChannels + 1 + kPoseFeatures;
 
 // "tiny" (minutes on two CPU cores), "compact" (half an hour) or "paper" (the released sizes, conditioned on the latent
-// code). Throws InputError naming the presets for any other name.
+// code and on the pose). Throws InputError naming the presets for any other name.
 AvatarSpec preset_spec(const std::string& name);
 const std::vector<std::string>& preset_names();
 
@@ -80,7 +92,7 @@ void validate_spec(const AvatarSpec& spec, const std::string& where);
 // Every field by name; numbers read back exactly.
 std::string spec_to_json(const AvatarSpec& spec);
 
-// The other way. Every field must be there and none else. Throws InputError naming `where` and the field: no JSON,
+// The other way. Every field must be there and none else; those of sdf.pose, which came later, may be absent (none). Throws InputError naming `where` and the field: no JSON,
 // unknown or missing fields, a wrong type, and what validate_spec refuses.
 AvatarSpec spec_from_json(const std::string& text, const std::string& where);
 
@@ -90,12 +102,15 @@ AvatarSpec spec_with_json(const AvatarSpec& base, const std::string& text, const
 
 const char* to_string(Skinning skinning);
 const char* to_string(SdfConditioning conditioning);
+const char* to_string(PoseConditioning pose);
 
 // Widths of each network from its input to its output, w_0 → w_1 → … → w_n for n linear layers; empty where the network
 // is absent. With a skip the layer's input is [input, previous output], which these widths do not count.
 std::vector<uint32_t> sdf_widths(const AvatarSpec& spec);  // 3 → width … → 1
 std::vector<uint32_t> mapping_widths(
     const AvatarSpec& spec);  // latent → … → 2 · sine layers · width: all γ, then all η
+// joints: of the body; of each of the small networks, one a layer of the SDF: 6 · joints → pose width …
+std::vector<uint32_t> pose_widths(const AvatarSpec& spec, uint32_t joints);
 std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits);  // 3 → width … → logits
 std::vector<uint32_t> color_widths(const AvatarSpec& spec);                      // input → width … → 3
 

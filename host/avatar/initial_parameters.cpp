@@ -107,6 +107,25 @@ std::vector<float> initial_parameters(const AvatarSpec& spec, const ParameterLay
   }
   fill.weight_norm_network("skinning");
   fill.weight_norm_network("color");
+  if (layout.has("pose_code.1.W")) {
+    for (const char* part : {"global", "1", "2"}) {
+      const std::string name = std::string("pose_code.") + part;
+      const double bound = 1.0 / std::sqrt(static_cast<double>(layout.slot(name + ".W").shape.back()));
+      fill.uniform(layout.slot(name + ".W"), bound);
+      fill.uniform(layout.slot(name + ".b"), bound);
+    }
+  }
+  for (int i = 0; layout.has("hyper." + std::to_string(i) + ".W"); ++i) {
+    const std::string name = "hyper." + std::to_string(i) + ".";
+    const double inputs = static_cast<double>(layout.slot(name + "W").shape.back());
+    fill.normal(layout.slot(name + "W"), std::sqrt(2.0 / inputs));
+    fill.uniform(layout.slot(name + "b"), 1.0 / std::sqrt(inputs));
+    std::ranges::fill(fill.of(layout.slot(name + "scale")), 1.0f);
+  }
+  for (int l = 0; layout.has("low_rank." + std::to_string(l) + ".V"); ++l) {
+    const TensorSlot& v = layout.slot("low_rank." + std::to_string(l) + ".V");
+    fill.normal(v, 1.0 / std::sqrt(static_cast<double>(v.shape.back())));
+  }
   if (spec.latent_size > 0) fill.normal(layout.slot("latent"), spec.latent_init_std);
   fill.of(layout.slot("b"))[0] = static_cast<float>(spec.b_init);
   for (std::size_t i = 0; i < spec.grid_cells.size(); ++i) {

@@ -123,11 +123,53 @@ ParameterLayout make_parameter_layout(const AvatarSpec& spec, const Skeleton& sk
     if (spec.latent_size > 0) builder.add("latent", {static_cast<int64_t>(latent_frames), int64_t{spec.latent_size}});
   });
   builder.group("deviation", [&] { builder.add("b", {1}); });
+  const bool posed = spec.sdf.pose != PoseConditioning::none;
+  const auto joints = static_cast<int64_t>(skeleton.size());
+  const std::vector<uint32_t> sdf = sdf_widths(spec), pose = pose_widths(spec, static_cast<uint32_t>(joints));
+  const auto add = [&](const std::string& name, std::vector<int64_t> shape) {
+    builder.add(name, std::move(shape));
+    builder.align();
+  };
+  builder.group("pose_code", [&] {
+    if (!posed) return;
+    const int64_t features = kPoseFeatures, hidden = kPoseHidden;
+    add("pose_code.global.W", {features, kPoseChannels * joints});
+    add("pose_code.global.b", {features});
+    add("pose_code.1.W", {joints, hidden, hidden});
+    add("pose_code.1.b", {joints, hidden});
+    add("pose_code.2.W", {joints, features, hidden});
+    add("pose_code.2.b", {joints, features});
+  });
+  builder.group("hyper", [&] {
+    for (std::size_t i = 0; i + 1 < pose.size(); ++i) {
+      const auto layers = static_cast<int64_t>(sdf.size() - 1);
+      const std::string name = fmt::format("hyper.{}.", i);
+      add(name + "W", {layers, int64_t{pose[i + 1]}, int64_t{pose[i]}});
+      for (const char* part : {"b", "scale", "shift"}) add(name + part, {layers, int64_t{pose[i + 1]}});
+    }
+  });
+  const int64_t rank = spec.sdf.pose_width;
+  builder.group("low_rank", [&] {
+    if (spec.sdf.pose != PoseConditioning::low_rank) return;
+    for (std::size_t l = 0; l + 1 < sdf.size(); ++l) {
+      const std::string name = fmt::format("low_rank.{}.", l);
+      add(name + "U", {int64_t{sdf[l + 1]}, rank});
+      add(name + "V", {rank, int64_t{sdf[l]}});
+      add(name + "C", {int64_t{sdf[l + 1]}, rank});
+    }
+  });
   builder.group("grid", [&] {
     for (std::size_t i = 0; i < grid.nodes.size(); ++i) {
       const glm::uvec3& nodes = grid.nodes[i];
       builder.add(fmt::format("grid.{}", i),
                   {int64_t{nodes.z}, int64_t{nodes.y}, int64_t{nodes.x}, int64_t{kGridFeatures}});
+    }
+  });
+  builder.group("hyper_last", [&] {
+    if (spec.sdf.pose != PoseConditioning::hypernetwork) return;
+    for (std::size_t l = 0; l + 1 < sdf.size(); ++l) {
+      add(fmt::format("hyper_last.{}.W", l), {int64_t{sdf[l + 1]} * sdf[l], rank});
+      add(fmt::format("hyper_last.{}.b", l), {int64_t{sdf[l + 1]}, rank});
     }
   });
   return builder.take();

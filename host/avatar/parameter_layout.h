@@ -43,7 +43,12 @@ struct ParameterGroup {
 //   color      color.i.v, color.i.g, color.i.b
 //   latent     latent [frames, latent size]
 //   deviation  b [1], the scale of the Laplace density, metres
+//   pose_code  pose_code.{global.W [6, 12 joints], global.b, 1.W [joints, 19, 19], 1.b, 2.W [joints, 6, 19], 2.b}
+//   hyper      hyper.i.W [SDF layers, pose width, in], hyper.i.{b, scale, shift} [SDF layers, pose width]: of all layers
+//   low_rank   low_rank.l.U [out, rank], low_rank.l.V [rank, in], low_rank.l.C [out, rank], one a layer of the SDF
 //   grid       grid.i [nodes z, nodes y, nodes x, 4]
+//   hyper_last hyper_last.l.W [out · in, pose width], hyper_last.l.b [out, pose width]: the paper's 85 million numbers, whose
+//              gradients, outer products, are nowhere written out: buffers of gradients end before it
 struct ParameterLayout {
   std::vector<TensorSlot> slots;       // in the order of their offsets
   std::vector<ParameterGroup> groups;  // end to end from 0 to floats
@@ -75,6 +80,8 @@ ParameterLayout make_parameter_layout(const AvatarSpec& spec, const Skeleton& sk
 //   sdf       first W uniform in ±1/in, the others ±√(6/in)/ω; biases ±1/√in
 //   mapping   W normal, √(2/(1.04 in)) (Kaiming for slope 0.2), biases ±1/√in; last W 0, its bias 1 for γ and 0 for η
 //   skinning, color   v and b uniform in ±1/√in, g = |v| row by row
+//   pose_code W and b uniform in ±1/√in;   hyper   W normal, √(2/in), biases ±1/√in, scale 1, shift 0
+//   low_rank  U and C 0, V normal, 1/√in;   hyper_last   0: the SDF begins as the one that all poses share
 //   latent    normal, spec.latent_init_std;   b   spec.b_init;   grid   normal, 0.01
 std::vector<float> initial_parameters(const AvatarSpec& spec, const ParameterLayout& layout, uint64_t seed);
 

@@ -102,6 +102,15 @@ SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
     say("SDF conditioning", "none", preset_has_none);
   }
 
+  if (spec.sdf.pose != PoseConditioning::none && (!several_frames || facts.single_pose || facts.joints <= 1)) {
+    spec.sdf.pose = PoseConditioning::none;
+    spec.sdf.pose_width = spec.sdf.pose_hidden_layers = 0;
+    say("SDF by pose", "none", facts.joints <= 1 ? "with one joint there is one pose" : several_frames ? "all frames show one pose" : "there is one frame");
+  } else {
+    say("SDF by pose", spec.sdf.pose == PoseConditioning::none ? "none" : fmt::format("{}, width {}", to_string(spec.sdf.pose), spec.sdf.pose_width),
+        spec.sdf.pose == PoseConditioning::none ? preset_has_none : preset_has_it);
+  }
+
   if (spec.color.latent && !several_frames) {
     spec.color.latent = false;
     say("colour latent", "off", "there is one frame");

@@ -20,17 +20,18 @@ class Fields {
     if (!object.is_object()) throw InputError(where_, path_, "an object", json_excerpt(object));
   }
 
-  const nlohmann::json* take(const char* name) {
+  // later: a field that older files do not have; absent, its value stays.
+  const nlohmann::json* take(const char* name, bool later = false) {
     known_.insert(name);
     const auto found = object_.find(name);
     if (found != object_.end()) return &*found;
-    if (complete_) throw InputError(where_, field(name), "this field", "none");
+    if (complete_ && !later) throw InputError(where_, field(name), "this field", "none");
     return nullptr;
   }
 
-  void read(const char* name, uint32_t& value) {
+  void read(const char* name, uint32_t& value, bool later = false) {
     // Ranges are validate_spec's; here the number only has to fit.
-    if (const auto* json = take(name)) {
+    if (const auto* json = take(name, later)) {
       value = static_cast<uint32_t>(json_integer(*json, 0, std::numeric_limits<int>::max(), where_, field(name)));
     }
   }
@@ -48,8 +49,8 @@ class Fields {
     if (!json->is_boolean()) throw InputError(where_, field(name), "true or false", json_excerpt(*json));
     value = json->get<bool>();
   }
-  void read(const char* name, std::string& value) {
-    if (const auto* json = take(name)) value = json_text(*json, where_, field(name));
+  void read(const char* name, std::string& value, bool later = false) {
+    if (const auto* json = take(name, later)) value = json_text(*json, where_, field(name));
   }
   void read(const char* name, std::vector<double>& values) {
     const auto* json = take(name);
@@ -91,9 +92,14 @@ SdfConditioning parse_conditioning(const std::string& text, const std::string& w
   for (SdfConditioning kind : {SdfConditioning::none, SdfConditioning::latent}) {
     if (text == to_string(kind)) return kind;
   }
-  const bool planned = text == "pose_low_rank" || text == "pose_hypernetwork";
-  throw InputError(where, field, "none or latent",
-                   planned ? "'" + text + "', which is not in this version" : "'" + text + "'");
+  throw InputError(where, field, "none or latent", "'" + text + "'");
+}
+
+PoseConditioning parse_pose(const std::string& text, const std::string& where, const std::string& field) {
+  for (PoseConditioning kind : {PoseConditioning::none, PoseConditioning::low_rank, PoseConditioning::hypernetwork}) {
+    if (text == to_string(kind)) return kind;
+  }
+  throw InputError(where, field, "none, low_rank or hypernetwork", "'" + text + "'");
 }
 
 AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string& where, bool complete) {
@@ -124,6 +130,11 @@ AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string
     spec.sdf.conditioning = parse_conditioning(conditioning, where, fields.field("conditioning"));
     fields.read("mapping_width", spec.sdf.mapping_width);
     fields.read("mapping_hidden_layers", spec.sdf.mapping_hidden_layers);
+    std::string pose = to_string(spec.sdf.pose);
+    fields.read("pose", pose, true);
+    spec.sdf.pose = parse_pose(pose, where, fields.field("pose"));
+    fields.read("pose_width", spec.sdf.pose_width, true);
+    fields.read("pose_hidden_layers", spec.sdf.pose_hidden_layers, true);
     fields.refuse_others();
   }
   if (const auto* part = top.take("color")) {
@@ -160,7 +171,10 @@ std::string spec_to_json(const AvatarSpec& spec) {
                  {"omega", spec.sdf.omega},
                  {"conditioning", to_string(spec.sdf.conditioning)},
                  {"mapping_width", spec.sdf.mapping_width},
-                 {"mapping_hidden_layers", spec.sdf.mapping_hidden_layers}};
+                 {"mapping_hidden_layers", spec.sdf.mapping_hidden_layers},
+                 {"pose", to_string(spec.sdf.pose)},
+                 {"pose_width", spec.sdf.pose_width},
+                 {"pose_hidden_layers", spec.sdf.pose_hidden_layers}};
   json["color"] = {{"width", spec.color.width},     {"hidden_layers", spec.color.hidden_layers},
                    {"skip", spec.color.skip},       {"narrow", spec.color.narrow},
                    {"view", spec.color.view},       {"normal", spec.color.normal},

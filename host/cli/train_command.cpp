@@ -22,29 +22,36 @@ struct Options {
   std::optional<int> size;
   std::optional<double> minutes;
   std::optional<uint64_t> steps, seed;
-  std::vector<std::string> settings;  // NAME=VALUE
+  std::vector<std::string> settings, model;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
-// The settings with one of them replaced; a setting of a group is called "sdf.rate".
-TrainingSettings with_setting(const TrainingSettings& settings, const std::string& assignment) {
+// The JSON with one field replaced; a field within a group is called "sdf.rate".
+std::string with_field(const std::string& text, const std::string& assignment, const char* option, const char* example) {
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos)
-    throw InputError("--set", "", "NAME=VALUE", "'" + assignment + "'", "For instance: --set fit_steps=200");
+    throw InputError(option, "", "NAME=VALUE", "'" + assignment + "'", fmt::format("For instance: {} {}", option, example));
   const std::string name = assignment.substr(0, equals), value = assignment.substr(equals + 1);
-  auto json = nlohmann::json::parse(settings_to_json(settings));
+  auto json = nlohmann::json::parse(text);
   nlohmann::json* place = &json;
   for (std::size_t from = 0; from <= name.size();) {
     const std::size_t to = std::min(name.find('.', from), name.size());
     const std::string part = name.substr(from, to - from);
     if (!place->is_object() || !place->contains(part))
-      throw InputError("--set", name, "a setting of config.json", "no such setting");
+      throw InputError(option, name, "a field of config.json", "no such field");
     place = &(*place)[part];
     from = to + 1;
   }
   const auto parsed = nlohmann::json::parse(value, nullptr, false);
   *place = parsed.is_discarded() ? nlohmann::json(value) : parsed;
-  return settings_from_json(json.dump(), "--set");
+  return json.dump();
+}
+
+// The spec with several fields replaced together, as they must fit each other.
+AvatarSpec with_model(const AvatarSpec& spec, const std::vector<std::string>& assignments) {
+  std::string json = spec_to_json(spec);
+  for (const std::string& assignment : assignments) json = with_field(json, assignment, "--model", "sdf.width=96");
+  return spec_from_json(json, "--model");
 }
 
 // What the options ask for: of a new run, or on top of what a run began with.
@@ -55,18 +62,20 @@ RunConfig resolve(const Options& options, const Capture& capture) {
     config.fingerprint = capture_fingerprint(capture);
     config.capture = capture.path;
     if (options.preset) config.settings.preset = *options.preset;
+    if (!options.model.empty()) throw InputError("--model", "", "a new run", "one that goes on", "What an avatar is made of stays; --set may change how it is trained.");
   } else {
     const std::string preset = options.preset.value_or("tiny");
     const SpecChoice choice = choose_spec(preset, capture_facts(capture));
     for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
-    config = make_run_config(capture, preset_settings(preset), choice.spec);
+    config = make_run_config(capture, preset_settings(preset), with_model(choice.spec, options.model));
   }
   TrainingSettings& settings = config.settings;
   if (options.size) settings.size = *options.size;
   if (options.seed) settings.seed = *options.seed;
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
-  for (const std::string& assignment : options.settings) settings = with_setting(settings, assignment);
+  for (const std::string& assignment : options.settings)
+    settings = settings_from_json(with_field(settings_to_json(settings), assignment, "--set", "fit_steps=200"), "--set");
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
       throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),
@@ -118,6 +127,9 @@ void add_train_command(CLI::App& program, Run& run) {
       ->excludes(minutes);
   command->add_option("--seed", options->seed, "of first values, pixels and points (default: 0)");
   command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json; may be repeated")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_option("--model", options->model, "NAME=VALUE: any part or size of the avatar, as config.json's spec names it (sdf.width=96), instead of what the capture suggests; may be repeated, and those that go together are checked together")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   command->add_option("--keep", options->run.keep_minutes, "minutes, with commas between, after which the avatar is also kept, for arah curve: RUN/kept/minutes_5.safetensors")

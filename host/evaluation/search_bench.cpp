@@ -74,7 +74,7 @@ std::vector<SearchBench> run_search_bench(Device& device, const Avatar& avatar, 
 
   Commands commands(device);
   AvatarNetworks networks(device, avatar, false);
-  networks.record_pack(commands, 0);
+  networks.record_pack(commands, 0, pose_input(avatar, pose));
   commands.submit_and_wait();
   TemplateOnDevice body(device, avatar.body);
   FrameOnDevice frame(device, avatar, body, pose, {});

@@ -95,12 +95,13 @@ std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, c
   BakedDistances baked(device, avatar, mesh_cell);
   std::optional<SurfaceMesh> mesh;
   std::optional<size_t> mesh_row;
+  const bool by_pose = avatar.spec.sdf.pose != PoseConditioning::none;
   std::vector<SurfaceError> errors;
   for (const auto& [frame, path] : frames) {
     if (progress) progress(double(errors.size()) / double(frames.size()));
     const size_t row = avatar.spec.latent_size > 0 ? latent_row(avatar, frame->number) : 0;
-    if (!mesh || (mesh_row != row && avatar.spec.sdf.conditioning != SdfConditioning::none)) {
-      networks.record_pack(commands, row);
+    if (!mesh || by_pose || (mesh_row != row && avatar.spec.sdf.conditioning != SdfConditioning::none)) {
+      networks.record_pack(commands, row, pose_input(avatar, frame->pose));
       commands.submit_and_wait();
       FrameOnDevice posed(device, avatar, body, frame->pose, {});
       baked.bake(commands, field, posed.constants());

@@ -71,7 +71,7 @@ TrainingTradeoff measure_training_tradeoff(Device& device, const Avatar& avatar,
   if (settings.rays) trained.rays = settings.rays;
   trained.size = settings.size;
   trained.rays_at_a_time = 0;
-  for (GroupSettings* group : {&trained.sdf, &trained.mapping, &trained.skinning, &trained.color, &trained.latent, &trained.deviation, &trained.grid}) {
+  for (GroupSettings* group : {&trained.sdf, &trained.mapping, &trained.skinning, &trained.color, &trained.latent, &trained.deviation, &trained.grid, &trained.pose_code, &trained.hyper, &trained.low_rank, &trained.hyper_last}) {
     group->freeze = group->warm_up = 0;
     group->max_norm = group->weight_decay = 0;
   }

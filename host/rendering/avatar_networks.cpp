@@ -17,10 +17,19 @@ FeatureGridShape grid_shape(const GridExtent& extent) {
   return shape;
 }
 
+static_assert(kPoseChannels == shared::pose_channels && kPoseFeatures == shared::pose_features && kPoseHidden == shared::pose_hidden);
+
 }  // namespace
 
 SirenShape AvatarNetworks::sdf_shape() const {
   return {spec_.sdf.width, spec_.sdf.sine_layers, static_cast<float>(spec_.sdf.omega), spec_.sdf.conditioning == SdfConditioning::latent};
+}
+
+PoseNetworksShape AvatarNetworks::pose_networks_shape() const {
+  PoseNetworksShape shape{spec_.sdf.pose == PoseConditioning::hypernetwork ? PoseChange::dense : PoseChange::low_rank, tree_.parents(), spec_.sdf.pose_width, spec_.sdf.pose_hidden_layers, {}};
+  const std::vector<uint32_t> widths = sdf_widths(spec_);
+  for (size_t l = 0; l + 1 < widths.size(); ++l) shape.layers.push_back({widths[l + 1], widths[l]});
+  return shape;
 }
 
 DenseShape AvatarNetworks::skinning_shape() const {
@@ -34,12 +43,12 @@ DenseShape AvatarNetworks::color_shape() const {
 
 ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.color.normal, spec_.color.feature ? spec_.sdf.width : 0}; }
 
-AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients)
+AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients, uint32_t frames)
     : spec_(avatar.spec), layout_(avatar.layout), cube_(avatar.cube), tree_(avatar.body.skeleton.parents), grid_(grid_shape(avatar.grid)) {
   parameters_ = Buffer(device, "parameters", layout_.floats * 4, BufferPlace::device);
   device.upload(parameters_.slice(), avatar.parameters);
   if (with_gradients) {
-    gradients_ = Buffer(device, "gradients", layout_.floats * 4, BufferPlace::device);
+    gradients_ = Buffer(device, "gradients", layout_.group("hyper_last").begin * 4, BufferPlace::device);
     Commands zero(device);
     zero.fill(gradients_.slice(), 0);
     zero.submit_and_wait();
@@ -61,6 +70,16 @@ AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_g
 
   const SirenShape siren = sdf_shape();
   std::vector<LayerTensors> sdf_parameters = layers(parameters_, "sdf", siren.sine_layers + 1, "W", ""), sdf_gradients = layers(gradients_, "sdf", siren.sine_layers + 1, "W", "");
+  if (spec_.sdf.pose != PoseConditioning::none) {
+    shared::PoseEncoderConstants at{};
+    const uint64_t begin = layout_.group("pose_code").begin;
+    const auto place = [&](const char* tensor) { return static_cast<uint32_t>(layout_.slot(std::string("pose_code.") + tensor).offset - begin); };
+    at.global_w = place("global.W"), at.global_b = place("global.b");
+    at.w1 = place("1.W"), at.b1 = place("1.b"), at.w2 = place("2.W"), at.b2 = place("2.b");
+    const PoseNetworksTensors gradients = with_gradients ? pose_tensors(gradients_) : PoseNetworksTensors{};
+    pose_networks_.emplace(device, "pose networks", pose_networks_shape(), pose_tensors(parameters_), at, with_gradients ? &gradients : nullptr, frames);
+    for (uint32_t l = 0; l <= siren.sine_layers; ++l) sdf_parameters[l] = pose_networks_->generated(l), sdf_gradients[l] = pose_networks_->generated_gradient(l);
+  }
   if (siren.film) {
     // The mapping network's one output row holds all γ, then all η.
     const DenseShape mapping = DenseShape::chain(LayerKind::plain, mapping_widths(spec_), Activation::leaky_relu, Activation::none);
@@ -85,6 +104,38 @@ BufferSlice AvatarNetworks::slice_of(Buffer& buffer, const std::string& slot) {
   return buffer.slice().elements(tensor.offset, tensor.count);
 }
 
+// With the zeros after it, up to the next tensor: whole texels and tiles.
+BufferSlice AvatarNetworks::padded_slice_of(Buffer& buffer, const std::string& slot) {
+  const TensorSlot& tensor = layout_.slot(slot);
+  return buffer.slice().elements(tensor.offset, (tensor.count + kSlotAlignment - 1) / kSlotAlignment * kSlotAlignment);
+}
+
+PoseNetworksTensors AvatarNetworks::pose_tensors(Buffer& buffer) {
+  const auto slice = [&](const std::string& slot) { return padded_slice_of(buffer, slot); };
+  PoseNetworksTensors tensors;
+  const ParameterGroup& encoder = layout_.group("pose_code");
+  tensors.encoder = buffer.slice().elements(encoder.begin, encoder.size());
+  for (uint32_t i = 0; i < spec_.sdf.pose_hidden_layers; ++i) {
+    const std::string name = "hyper." + std::to_string(i) + ".";
+    tensors.hidden.push_back({slice(name + "W"), slice(name + "b"), slice(name + "scale"), slice(name + "shift")});
+  }
+  for (uint32_t l = 0; l <= spec_.sdf.sine_layers; ++l) {
+    const std::string number = std::to_string(l);
+    PoseNetworksTensors::Change change;
+    change.base_w = slice("sdf." + number + ".W");
+    change.base_b = slice("sdf." + number + ".b");
+    if (spec_.sdf.pose == PoseConditioning::low_rank) {
+      const std::string name = "low_rank." + number + ".";
+      change.low_rank = {slice(name + "U"), slice(name + "V"), slice(name + "C")};
+    } else if (&buffer == &parameters_) {  // of these there are no gradients
+      change.dense_w = slice("hyper_last." + number + ".W");
+      change.dense_b = slice("hyper_last." + number + ".b");
+    }
+    tensors.layers.push_back(change);
+  }
+  return tensors;
+}
+
 LayerTensors AvatarNetworks::tensors(Buffer& buffer, const std::string& prefix, const char* weight, const char* first) {
   LayerTensors t;
   t.weight = slice_of(buffer, prefix + "." + weight);
@@ -98,7 +149,14 @@ void AvatarNetworks::make_half_weights(Device& device) {
   color_->make_half_weights(device);
 }
 
-void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row) {
+void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row, std::span<const float> pose) {
+  const size_t expected = pose_networks_ ? size_t{kPoseChannels} * pose_networks_->shape().joints() : 0;
+  if (!pose.empty() && pose.size() != expected) throw std::invalid_argument("networks for a pose of " + std::to_string(pose.size()) + " numbers, " + std::to_string(expected) + " expected");
+  if (pose_networks_ && pose.empty()) pose_networks_->record_shared(commands);
+  if (!pose.empty()) {
+    commands.device().upload(pose_networks_->pose().elements(0, pose.size()), pose.data(), pose.size_bytes());
+    pose_networks_->record_forward(commands);
+  }
   if (spec_.latent_size) {
     const BufferSlice rows = parameter("latent");
     commands.copy(rows.elements(latent_row * spec_.latent_size, spec_.latent_size), code_.slice().elements(0, spec_.latent_size));
@@ -113,12 +171,17 @@ void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row) {
   color_->record_pack(commands, code());
 }
 
-void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch) {
+void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch, uint32_t frame, const PoseRegulariser& pose_regulariser) {
   if (!has_gradients()) throw std::logic_error("these networks were made without gradients");
   if (spec_.latent_size) commands.fill(code_gradient_.slice(), 0);
   if (parts.sdf) {
     if (mapping_) commands.fill(mapping_tape_->output_gradient().slice, 0);
+    if (pose_networks_) pose_networks_->record_clear_gradient(commands);
     sdf_->record_unpack(commands);
+    if (pose_networks_) {
+      if (pose_regulariser.weight > 0) pose_networks_->record_parameter_norm(commands, pose_regulariser.weight, pose_regulariser.losses, pose_regulariser.slot);
+      pose_networks_->record_backward(commands, frame);
+    }
     if (mapping_) {
       DenseNetwork::Backward backward;
       backward.input_gradient = true;
@@ -132,6 +195,12 @@ void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, c
   if (parts.color) color_->record_unpack(commands, code(), code_gradient());
   if (spec_.latent_size)
     commands.copy(code_gradient_.slice().elements(0, spec_.latent_size), gradient("latent").elements(latent_row * spec_.latent_size, spec_.latent_size));
+}
+
+void AvatarNetworks::record_unpack_shared_sdf(Commands& commands) {
+  if (pose_networks_) pose_networks_->record_clear_gradient(commands);
+  sdf_->record_unpack(commands);
+  if (pose_networks_) pose_networks_->record_shared_backward(commands);
 }
 
 uint64_t AvatarNetworks::unpack_scratch() const { return mapping_ ? mapping_->weight_gradient_scratch(1) : 64; }

@@ -7,6 +7,7 @@
 #include "host/avatar/avatar.h"
 #include "kernels/color/assemble_inputs.h"
 #include "kernels/color/feature_grid.h"
+#include "kernels/conditioning/pose_networks.h"
 #include "kernels/linear/dense_network.h"
 #include "kernels/sdf/siren.h"
 #include "kernels/skinning/joint_tree.h"
@@ -15,8 +16,9 @@ namespace arah {
 
 class AvatarNetworks {
  public:
-  // Uploads the parameters. with_gradients: also a gradient buffer of the same layout, for training.
-  AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients);
+  // Uploads the parameters. with_gradients: also a gradient buffer of the same layout up to the group hyper_last, for training.
+  // frames: of a step, at most.
+  AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients, uint32_t frames = 1);
 
   const AvatarSpec& spec() const { return spec_; }
   const ParameterLayout& layout() const { return layout_; }
@@ -39,26 +41,40 @@ class AvatarNetworks {
   // For pictures with cooperative matrices: the SDF's and the colour's inner layers keep weights of halves too, from the next
   // record_pack on.
   void make_half_weights(Device& device);
-  // Packs all weights for the frames that use row `latent_row`: after every change of parameters or of the row.
-  void record_pack(Commands& commands, std::size_t latent_row);
-  // Effective gradients of the parts → raw gradients (+=), the code's gradient → row `latent_row` of latent's (=).
-  // scratch: unpack_scratch() floats.
+  // Packs all weights for the frames that use row `latent_row` and the pose: after every change of parameters, row or pose.
+  // pose: what pose_input() gives; it is uploaded at once, so what was recorded before with another pose must have run. Empty:
+  // the SDF that all poses share. Throws std::invalid_argument where it has another size.
+  void record_pack(Commands& commands, std::size_t latent_row, std::span<const float> pose);
+  // Effective gradients of the parts → raw gradients (+=). scratch: unpack_scratch() floats. frame: number of the frame in its
+  // step; the gradients of hyper_last are the outer products of all of them (pose_networks()). pose_regulariser: weight of the
+  // loss on the size of the generated parameters, whose value goes to losses[slot] (+=).
   struct Parts {
     bool sdf = true, skinning = true, color = true;
   };
-  void record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch);
+  struct PoseRegulariser {
+    float weight = 0;
+    BufferSlice losses;
+    uint32_t slot = 0;
+  };
+  void record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch, uint32_t frame = 0, const PoseRegulariser& pose_regulariser = {0, {}, 0});
+  // The same of the SDF alone, packed without a pose, and not on to the code.
+  void record_unpack_shared_sdf(Commands& commands);
   uint64_t unpack_scratch() const;  // floats
 
   Siren& sdf() { return *sdf_; }
+  PoseNetworks& pose_networks() { return *pose_networks_; }  // only where the SDF follows the pose
   DenseNetwork& skinning() { return *skinning_; }  // only with Skinning::network
   DenseNetwork& color() { return *color_; }
   SirenShape sdf_shape() const;
+  PoseNetworksShape pose_networks_shape() const;  // only where the SDF follows the pose
   DenseShape skinning_shape() const;
   DenseShape color_shape() const;
   ColorRow color_row() const;
 
  private:
   BufferSlice slice_of(Buffer& buffer, const std::string& slot);
+  BufferSlice padded_slice_of(Buffer& buffer, const std::string& slot);
+  PoseNetworksTensors pose_tensors(Buffer& buffer);
   LayerTensors tensors(Buffer& buffer, const std::string& prefix, const char* weight, const char* first);
 
   AvatarSpec spec_;
@@ -67,6 +83,7 @@ class AvatarNetworks {
   JointTree tree_;
   FeatureGridShape grid_;
   Buffer parameters_, gradients_, code_, code_gradient_;
+  std::optional<PoseNetworks> pose_networks_;
   std::optional<Siren> sdf_;
   std::optional<DenseNetwork> skinning_, color_, mapping_;
   std::optional<DenseTape> mapping_tape_;

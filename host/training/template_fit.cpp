@@ -84,7 +84,7 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
   for (uint32_t step = 0; step < settings.fit_steps; ++step) {
     const bool eikonal = step % eikonal_every == 0;
     draw(false);
-    networks.record_pack(commands, 0);
+    networks.record_pack(commands, 0, {});
     networks.sdf().record_forward(commands, tape, {points, {}}, true);
     if (eikonal) networks.sdf().record_gradient(commands, tape, {points, {}}, true);
     commands.submit_and_wait();
@@ -109,13 +109,13 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
     backward.gradient = eikonal;
     backward.scratch = scratch.slice();
     networks.sdf().record_backward(commands, tape, {points, {}}, backward);
-    networks.sdf().record_unpack(commands);
+    networks.record_unpack_shared_sdf(commands);
     sdf.record(commands, step + 1, rate_at(settings.fit_rate, step, settings.fit_steps));
     commands.submit_and_wait();
     report(step);
   }
   draw(true);
-  networks.record_pack(commands, 0);
+  networks.record_pack(commands, 0, {});
   networks.sdf().record_forward(commands, tape, {points, {}}, false);
   commands.submit_and_wait();
   const auto f = device.download<float>(tape.sdf().slice);
@@ -140,7 +140,7 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
       gradient.set_surface(step % 2 && !last ? samples.around : samples.surface, generator);
       commands.fill(networks.gradients(), 0);
       commands.fill(losses.slice(), 0);
-      networks.record_pack(commands, 0);
+      networks.record_pack(commands, 0, {});
       gradient.record_surface_loss(commands, frame.slice(), last ? WeightsMeasure::absolute : WeightsMeasure::cross_entropy, 1, false, losses.slice(), 0, skinning_scratch.slice());
       networks.record_unpack(commands, 0, {false, true, false}, skinning_scratch.slice());
       if (!last) skinning.record(commands, step + 1, rate_at(settings.fit_skinning_rate, step, settings.fit_skinning_steps));

@@ -6,7 +6,9 @@
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <random>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -17,7 +19,6 @@
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
 #include "kernels/losses/sdf_penalty.h"
-#include "kernels/optimizer/adam.h"
 #include "kernels/optimizer/clip_scale.h"
 #include "kernels/optimizer/sum_of_squares.h"
 #include "kernels/reduction/sum.h"
@@ -26,10 +27,10 @@ namespace arah {
 namespace {
 
 // Slots of the losses buffer; the image loss fills two.
-enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, loss_slots };
+enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, parameter_slot, loss_slots };
 
 // Fixed-point unit of the grid's gradient: contributions of a loss over R rays are about 1 / R (kernels/color/feature_grid.h).
-float grid_scale(const TrainingSettings& settings) { return static_cast<float>(settings.rays) * 4096.0f; }
+float grid_scale(const TrainingSettings& settings) { return static_cast<float>(all_rays(settings)) * 4096.0f; }
 
 // Nodes of a frame's grid that are searched at a time: a frame has some 20,000.
 constexpr uint32_t grid_nodes_at_a_time = 32768;
@@ -90,8 +91,9 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   grid_sums = make("sums of the grid's gradient", std::max<uint64_t>(layout.group("grid").size() * 4, 256));
   grid_clamped = make("count of clamped gradients", 4, BufferPlace::shared);
   losses = make("losses", loss_slots * 4, BufferPlace::shared);
-  targets = make("photographs", padded_points(settings.rays) * 16ull);
-  if (settings.ray_importance > 0) ray_weights = make("weights of rays", padded_points(settings.rays) * 4ull);
+  const uint64_t pictures = uint64_t(settings.frames_per_step) * settings.pictures_per_frame;
+  targets = make("photographs", pictures * padded_points(settings.rays) * 16ull);
+  if (settings.ray_importance > 0) ray_weights = make("weights of rays", pictures * padded_points(settings.rays) * 4ull);
   d_colors = make("gradient of colours", rays * 16ull);
   partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
   squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
@@ -108,17 +110,21 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       images_(device, avatar_, capture, settings.size, settings.sampling.shell),
       template_samples_(draw_template_samples(avatar_, settings.seed)),
       pass_rays_(planned_rays()),
-      networks_(device, avatar_, true),
+      networks_(device, avatar_, true, settings.frames_per_step),
       room_(device, networks_, settings, pass_rays_) {
   device.upload(room_.averages.slice(), avatar_.parameters);
   const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
-                                                            {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid}};
+                                                            {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid},
+                                                            {"pose_code", &settings_.pose_code}, {"hyper", &settings_.hyper}, {"low_rank", &settings_.low_rank}, {"hyper_last", &settings_.hyper_last}};
+  std::set<size_t> frames;
+  for (const TrainingImages::Place& place : images_.places()) frames.insert(place.frame);
+  if (settings_.frames_per_step > frames.size()) throw InputError("settings", "frames_per_step", fmt::format("at most the {} training frames", frames.size()), fmt::format("{}", settings_.frames_per_step));
   for (const ParameterGroup& group : networks_.layout().groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
 }
 
 uint32_t Trainer::planned_rays() {
   const auto make = [&](uint32_t rays) {
-    AvatarNetworks networks(device_, avatar_, true);
+    AvatarNetworks networks(device_, avatar_, true, settings_.frames_per_step);
     Room(device_, networks, settings_, rays);
   };
   // Under a ceiling all frames come first, so that what is left for a pass is known; else each is made when a step asks for it.
@@ -130,7 +136,7 @@ void Trainer::solve_correspondences() {
   const ParameterGroup& group = networks_.layout().group("skinning");
   grid_parameters_ = device_.download<float>(networks_.parameters().elements(group.begin, group.size()));
   commands_.stage("weights");
-  networks_.record_pack(commands_, 0);  // the skinning network reads no code
+  networks_.record_pack(commands_, 0, {});  // the skinning network reads neither code nor pose
   for (const TrainingImages::Place& place : images_.places()) {  // by frame
     if (&place != images_.places().data() && (&place)[-1].frame == place.frame) continue;
     FrameOnDevice& frame = images_.frame(place.frame);
@@ -139,13 +145,34 @@ void Trainer::solve_correspondences() {
   }
 }
 
-Trainer::Batch Trainer::draw_batch() {
+std::vector<std::vector<Trainer::Batch>> Trainer::draw_batches() {
   std::mt19937_64 generator = step_generator(settings_.seed, steps_, 0);
+  const std::vector<TrainingImages::Place>& places = images_.places();
+  std::vector<size_t> left(places.size());  // pictures of frames that the step has not yet
+  std::iota(left.begin(), left.end(), size_t{0});
+  std::vector<std::vector<Batch>> frames;
+  for (uint32_t f = 0; f < settings_.frames_per_step; ++f) {
+    std::vector<Batch> batches{draw_batch(generator, left)};
+    const size_t frame = batches[0].place.frame;
+    const auto others = std::stable_partition(left.begin(), left.end(), [&](size_t number) { return places[number].frame != frame; });
+    std::vector<size_t> of_frame(others, left.end());
+    left.erase(others, left.end());
+    while (batches.size() < settings_.pictures_per_frame) {
+      batches.push_back(draw_batch(generator, of_frame));
+      batches.back().first_of_frame = false;
+    }
+    for (Batch& batch : batches) batch.picture = static_cast<uint32_t>(f * settings_.pictures_per_frame + (&batch - batches.data()));
+    frames.push_back(std::move(batches));
+  }
+  return frames;
+}
+
+Trainer::Batch Trainer::draw_batch(std::mt19937_64& generator, const std::vector<size_t>& numbers) {
   auto below = [&](size_t count) { return std::uniform_int_distribution<size_t>(0, count - 1)(generator); };
   Batch batch;
   // A picture in which no ray meets the shell (the person out of view) has nothing to teach; a few may be met in a row.
   for (int tries = 0;; ++tries) {
-    batch.number = below(images_.places().size());
+    batch.number = numbers[below(numbers.size())];
     batch.place = images_.places()[batch.number];
     const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);
     if (image.person.empty() && image.around.empty()) {
@@ -165,6 +192,16 @@ Trainer::Batch Trainer::draw_batch() {
     }
     return batch;
   }
+}
+
+std::vector<float> Trainer::draw_pose_input(size_t frame, uint32_t number) {
+  std::vector<float> input = pose_input(avatar_, images_.pose(frame));
+  if (input.empty() || settings_.pose_noise == 0) return input;
+  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 3 + 16 * number);
+  if (!(std::uniform_real_distribution<double>(0, 1)(generator) < settings_.pose_noise_probability)) return input;
+  std::normal_distribution<double> noise(0, settings_.pose_noise);
+  for (size_t i = 0; i < 9 * avatar_.body.skeleton.size(); ++i) input[i] += static_cast<float>(noise(generator));
+  return input;
 }
 
 void Trainer::draw_by_importance(Batch& batch, const TrainingImage& image, std::mt19937_64& generator) {
@@ -197,8 +234,8 @@ void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
   }
 }
 
-void Trainer::upload_regulariser_points() {
-  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1);
+void Trainer::upload_regulariser_points(uint32_t frame_of_step) {
+  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1 + 16 * frame_of_step);
   std::uniform_real_distribution<float> cube(-1, 1);
   auto pick = [&](const std::vector<glm::vec3>& pool) { return pool[std::uniform_int_distribution<size_t>(0, pool.size() - 1)(generator)]; };
   auto put = [](std::vector<float>& rows, size_t row, const glm::vec3& n) {
@@ -216,13 +253,14 @@ void Trainer::upload_regulariser_points() {
 }
 
 void Trainer::record_regularisers() {
-  // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points.
+  // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points. Of several frames each has its part.
+  const float frames = static_cast<float>(settings_.frames_per_step);
   const PointRange eikonal{settings_.eikonal_points, {}};
   networks_.sdf().record_forward(commands_, room_.eikonal_tape, eikonal, true);
   networks_.sdf().record_gradient(commands_, room_.eikonal_tape, eikonal, true);
   EikonalLossArgs loss;
   loss.points = settings_.eikonal_points;
-  loss.normaliser = 2.0f * float(settings_.eikonal_points);
+  loss.normaliser = 2.0f * float(settings_.eikonal_points) * frames;
   loss.weight = static_cast<float>(settings_.eikonal_weight);
   loss.gradients = room_.eikonal_tape.gradient();
   loss.d_gradients = room_.eikonal_tape.gradient_cotangent();
@@ -243,7 +281,7 @@ void Trainer::record_regularisers() {
     SdfPenaltyArgs args;
     args.penalty = kind;
     args.points = points;
-    args.normaliser = 2.0f * float(points);
+    args.normaliser = 2.0f * float(points) * frames;
     args.weight = static_cast<float>(weight);
     args.sdf = room_.sign_tape.sdf().rows_from(first);
     args.d_sdf = room_.sign_tape.sdf_cotangent().rows_from(first);
@@ -256,6 +294,16 @@ void Trainer::record_regularisers() {
   penalty(SdfPenalty::inside, inside_first, settings_.inside_points, settings_.inside_weight, inside_slot);
   backward.gradient = false;
   networks_.sdf().record_backward(commands_, room_.sign_tape, sign, backward);
+}
+
+AdamArgs Trainer::adam_args(Group& group, double factor) const {
+  AdamArgs adam;
+  adam.step = static_cast<uint32_t>(group.updates);
+  adam.rate = group.settings->rate * factor;
+  adam.weight_decay = group.settings->weight_decay;
+  // A short memory at first: the average must not hold on to where it started.
+  adam.average_decay = std::min(settings_.average_decay, double(1 + group.updates) / double(10 + group.updates));
+  return adam;
 }
 
 void Trainer::record_update(Group& group, size_t index) {
@@ -272,12 +320,7 @@ void Trainer::record_update(Group& group, size_t index) {
     return;
   }
   group.updates += 1;
-  AdamArgs adam;
-  adam.step = static_cast<uint32_t>(group.updates);
-  adam.rate = group.settings->rate * factor;
-  adam.weight_decay = group.settings->weight_decay;
-  // A short memory at first: the average must not hold on to where it started.
-  adam.average_decay = std::min(settings_.average_decay, double(1 + group.updates) / double(10 + group.updates));
+  AdamArgs adam = adam_args(group, factor);
   adam.parameters = networks_.parameters().elements(group.begin, count);
   adam.gradients = gradients;
   adam.first_moments = room_.first_moments.slice().elements(group.begin, count);
@@ -293,6 +336,42 @@ void Trainer::record_update(Group& group, size_t index) {
   record_adam(commands_, adam);
 }
 
+void Trainer::record_hyper_last_update(Group& group, size_t index) {
+  const uint32_t frames = settings_.frames_per_step;
+  PoseNetworks& networks = networks_.pose_networks();
+  struct Part {
+    std::string slot;
+    OuterProduct gradient;
+  };
+  std::vector<Part> parts;
+  for (uint32_t l = 0; l < networks.shape().layers.size(); ++l) {
+    parts.push_back({fmt::format("hyper_last.{}.W", l), networks.dense_w_gradient(l, frames)});
+    parts.push_back({fmt::format("hyper_last.{}.b", l), networks.dense_b_gradient(l, frames)});
+  }
+  uint32_t partials = 0;
+  for (const Part& part : parts) {
+    record_outer_norm(commands_, part.gradient, room_.squares.slice(), partials);
+    partials += outer_partials(frames);
+  }
+  record_clip_scale(commands_, {partials, room_.squares.slice(), static_cast<float>(group.settings->max_norm), room_.norms.slice(), static_cast<uint32_t>(index)});
+  const double factor = rate_factor(*group.settings, settings_, steps_, done_);
+  if (factor == 0) return;
+  group.updates += 1;
+  for (const Part& part : parts) {
+    AdamArgs adam = adam_args(group, factor);
+    const TensorSlot& slot = networks_.layout().slot(part.slot);
+    const auto range = [&](const BufferSlice& of) { return of.elements(slot.offset, (slot.count + kSlotAlignment - 1) / kSlotAlignment * kSlotAlignment); };
+    adam.parameters = range(networks_.parameters());
+    adam.first_moments = range(room_.first_moments.slice());
+    adam.second_moments = range(room_.second_moments.slice());
+    adam.averages = range(room_.averages.slice());
+    adam.outer = part.gradient;
+    adam.norms = room_.norms.slice();
+    adam.norm_index = static_cast<uint32_t>(index);
+    record_adam(commands_, adam);
+  }
+}
+
 void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step) {
   const RootFindingCounts counts = room_.samples.root_finder().counts();
   room_.samples.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
@@ -301,7 +380,9 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
     some.points.resize(padded_points(rays), {0, 0, 0, 0});
     room_.samples.set_surface(some);
   }
-  room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
+  const uint32_t first_of_step = batch.picture * padded_points(settings_.rays) + first;
+  const bool accumulate = first > 0 || !batch.first_of_frame;
+  room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first_of_step});
   if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight})) {
     room_.samples.root_finder().restore_counts(counts);  // of a pass that did not happen
     const uint32_t half = padded_points(rays / 2);
@@ -315,16 +396,16 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   commands_.stage("losses");
   ImageLossArgs image;
   image.rays = rays;
-  image.normaliser = float(settings_.rays);
+  image.normaliser = float(all_rays(settings_));
   image.color_weight = static_cast<float>(settings_.color_weight);
   image.alpha_weight = static_cast<float>(settings_.alpha_weight);
   image.colors = room_.shaded.colors();
-  image.targets = room_.targets.slice().sub(first * 16ull, padded_points(rays) * 16ull);
+  image.targets = room_.targets.slice().sub(first_of_step * 16ull, padded_points(rays) * 16ull);
   image.d_colors = room_.d_colors.slice();
   image.losses = room_.losses.slice();
   image.slot = color_slot;
   image.partials = room_.partials.slice();
-  if (settings_.ray_importance > 0) image.weights = room_.ray_weights.slice().sub(first * 4ull, padded_points(rays) * 4ull);
+  if (settings_.ray_importance > 0) image.weights = room_.ray_weights.slice().sub(first_of_step * 4ull, padded_points(rays) * 4ull);
   record_image_loss(commands_, image);
   commands_.stage("compositing backward");
   Field& field = room_.shaded.field();
@@ -341,25 +422,49 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   record_composite_backward(commands_, back);
   commands_.stage("shading backward");
   Field::Backward field_back;
-  field_back.accumulate = first > 0;
+  field_back.accumulate = accumulate;
   field_back.position = skinning_step;
   field_back.grid_scale = grid_scale(settings_);
   field_back.grid_sums = room_.grid_sums.slice();
   field_back.grid_clamped = room_.grid_clamped.slice();
   field.record_backward(commands_, room_.shaded.inputs(), field_back);
   commands_.stage("skinning backward");
-  if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), first > 0, room_.scratch.slice());
+  if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), accumulate, room_.scratch.slice());
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
+}
+
+void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_step, bool skinning_step) {
+  const size_t number = batches[0].place.frame;
+  FrameOnDevice& frame = images_.frame(number);
+  const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(number)) : 0;
+  upload_regulariser_points(frame_of_step);
+  commands_.stage("weights");
+  networks_.record_pack(commands_, row, draw_pose_input(number, frame_of_step));
+  for (const Batch& batch : batches) {
+    const uint64_t first_of_step = uint64_t(batch.picture) * padded_points(settings_.rays);
+    device_.upload(room_.targets.slice().elements(4 * first_of_step, 4 * batch.targets.size()), batch.targets);
+    if (settings_.ray_importance > 0) device_.upload(room_.ray_weights.slice().elements(first_of_step, batch.weights.size()), batch.weights);
+    SurfaceHits hits;
+    if (room_.surface_finder) {
+      // A ray that sphere tracing led astray may be rescued by the joint search.
+      hits = room_.samples.search_surface(commands_, frame, images_.camera(batch.place.camera), batch.pixels, *room_.surface_finder, SurfaceFinder::Candidates::in_box);
+      person_rays_ += batch.on_person;
+      for (uint32_t ray = 0; ray < batch.on_person; ++ray) person_hits_ += hits.points[ray][3] > 0;
+    }
+    for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, settings_.rays - first), skinning_step);
+  }
+  commands_.stage("regularisers");
+  record_regularisers();
+  // Of the body, not of a frame: once a step.
+  if (skinning_step && frame_of_step == 0) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
+  commands_.stage("weights");
+  networks_.record_unpack(commands_, row, {true, skinning_step, true}, room_.scratch.slice(), frame_of_step,
+                          {static_cast<float>(settings_.parameter_weight / settings_.frames_per_step), room_.losses.slice(), parameter_slot});
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
   if (with_grids() && steps_ % settings_.grid_steps == 0) solve_correspondences();
-  const Batch batch = draw_batch();
-  FrameOnDevice& frame = images_.frame(batch.place.frame);
-  const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(batch.place.frame)) : 0;
-  device_.upload(room_.targets.slice(), batch.targets);
-  if (settings_.ray_importance > 0) device_.upload(room_.ray_weights.slice(), batch.weights);
-  upload_regulariser_points();
+  const std::vector<std::vector<Batch>> frames = draw_batches();
   const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
     std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
@@ -369,23 +474,20 @@ StepReport Trainer::step(uint64_t steps_left) {
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
-  commands_.stage("weights");
-  networks_.record_pack(commands_, row);
   room_.samples.root_finder().reset_counts();
   shaded_samples_ = passes_done_ = 0;
+  person_rays_ = person_hits_ = 0;
   room_.samples.set_half_width(half_width(settings_, steps_));
-  SurfaceHits hits;
-  // A ray that sphere tracing led astray may be rescued by the joint search.
-  if (room_.surface_finder) hits = room_.samples.search_surface(commands_, frame, images_.camera(batch.place.camera), batch.pixels, *room_.surface_finder, SurfaceFinder::Candidates::in_box);
-  for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, settings_.rays - first), skinning_step);
-  commands_.stage("regularisers");
-  record_regularisers();
-  if (skinning_step) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
-  commands_.stage("weights");
-  networks_.record_unpack(commands_, row, {true, skinning_step, true}, room_.scratch.slice());
+  for (uint32_t f = 0; f < frames.size(); ++f) {
+    if (f > 0) commands_.submit_and_wait();  // what was recorded reads what is uploaded next
+    run_frame(frames[f], f, skinning_step);
+  }
   commands_.stage("optimiser");
-  for (size_t g = 0; g < groups_.size(); ++g)
-    if (groups_[g].begin < groups_[g].end && (groups_[g].name != "skinning" || skinning_step)) record_update(groups_[g], g);
+  for (size_t g = 0; g < groups_.size(); ++g) {
+    if (groups_[g].begin == groups_[g].end || (groups_[g].name == "skinning" && !skinning_step)) continue;
+    if (groups_[g].name == "hyper_last") record_hyper_last_update(groups_[g], g);
+    else record_update(groups_[g], g);
+  }
   commands_.submit_and_wait();
 
   // A group whose gradient is not finite was left alone by Adam; training must not go on as if nothing were.
@@ -400,12 +502,14 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.off_surface = losses[off_surface_slot], report.inside = losses[inside_slot];
   if (skinning_step) last_skinning_loss_ = losses[skinning_slot] / (settings_.skinning_weight > 0 ? settings_.skinning_weight : 1);
   report.skinning = last_skinning_loss_;
+  report.parameters = losses[parameter_slot] / double(settings_.frames_per_step);
+  report.hits = person_rays_ ? double(person_hits_) / double(person_rays_) : 0;
   report.passes = passes_done_;
   report.total = settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
-                 settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning;
+                 settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning + settings_.parameter_weight * report.parameters;
   report.sdf_norm = norms[0].norm;
   const RootFindingCounts counts = room_.samples.root_finder().counts();
-  report.shaded = double(shaded_samples_) / double(room_.samples.rows(settings_.rays));
+  report.shaded = double(shaded_samples_) / double(uint64_t(room_.samples.rows(settings_.rays)) * settings_.frames_per_step * settings_.pictures_per_frame);
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
   device_.download(room_.grid_clamped.slice().elements(0, 1), &report.grid_clamped, 4);
   float b = 0;

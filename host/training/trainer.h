@@ -16,6 +16,7 @@
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
 #include "host/training/training_settings.h"
+#include "kernels/optimizer/adam.h"
 
 namespace arah {
 
@@ -24,10 +25,12 @@ namespace arah {
 struct StepReport {
   uint64_t step = 0;  // steps done, this one included
   double color = 0, alpha = 0, eikonal = 0, off_surface = 0, inside = 0, skinning = 0;  // skinning: of the last step that had it
+  double parameters = 0;  // size of the generated SDF, where it follows the pose
   double total = 0;   // weighted sum
   double sdf_norm = 0;  // of the sdf group's gradient before clipping
   double b = 0;         // metres
   double converged = 0;  // share of the samples whose correspondence was found
+  double hits = 0;       // share of the rays on the person whose surface was found, where samples are placed around it
   double shaded = 0;     // share of the samples that got a colour, of all places for them
   uint32_t passes = 0;   // that its rays went in
   uint32_t grid_clamped = 0;  // contributions to the grid's gradient that its fixed-point range cut, since the start
@@ -67,6 +70,8 @@ class Trainer {
   struct Batch {
     TrainingImages::Place place;
     size_t number = 0;  // of the place
+    uint32_t picture = 0;  // of the step
+    bool first_of_frame = true;
     uint32_t on_person = 0;  // the first so many of the rays
     std::vector<uint32_t> pixels;
     std::vector<std::array<float, 4>> targets;
@@ -95,18 +100,27 @@ class Trainer {
   // Searches the roots at the nodes of all frames' grids, where the settings want them, and notes with which parameters.
   void solve_correspondences();
   uint32_t planned_rays();
-  Batch draw_batch();
+  // One of each frame's pictures.
+  std::vector<std::vector<Batch>> draw_batches();
+  Batch draw_batch(std::mt19937_64& generator, const std::vector<size_t>& numbers);
+  // What the SDF reads of the frame's pose, with noise at times.
+  std::vector<float> draw_pose_input(size_t frame, uint32_t number);
   // The batch's pixels by importance: as many on the person and around as by chance, each pool's by PoolImportance.
   void draw_by_importance(Batch& batch, const TrainingImage& image, std::mt19937_64& generator);
   // Notes how far the colours of `rays` of the batch's rays, from `first` on, are from the photograph. Submits.
   void note_errors(const Batch& batch, uint32_t first, uint32_t rays);
-  void upload_regulariser_points();
+  void upload_regulariser_points(uint32_t frame_of_step);
   // Losses and gradients of `rays` of the batch's, from `first` on, in halves where more of their samples are to be shaded than
   // there is room for: losses and raw gradients +=, effective weight gradients = from the batch's first ray on and += later.
   // Submits, and leaves the last launches recorded.
   void run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step);
   void record_regularisers();
+  // Losses and raw gradients (+=) of one frame's pictures.
+  void run_frame(const std::vector<Batch>& batches, uint32_t frame_of_step, bool skinning_step);
   void record_update(Group& group, size_t index);
+  // Of the group whose gradients are outer products.
+  void record_hyper_last_update(Group& group, size_t index);
+  AdamArgs adam_args(Group& group, double factor) const;
 
   Device& device_;
   Avatar avatar_;
@@ -122,6 +136,7 @@ class Trainer {
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
   uint32_t passes_done_ = 0;     // of the step so far
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
+  uint64_t person_rays_ = 0, person_hits_ = 0;  // of the step so far
   uint64_t steps_ = 0;
   double done_ = 0;
   double last_skinning_loss_ = 0;

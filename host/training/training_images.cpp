@@ -24,9 +24,11 @@ TrainingImages::TrainingImages(Device& device, const Avatar& avatar, const Captu
 
 int TrainingImages::frame_number(size_t frame) const { return motion_of(capture_, "train").frames[frame].number; }
 
+const Pose& TrainingImages::pose(size_t frame) const { return motion_of(capture_, "train").frames[frame].pose; }
+
 FrameOnDevice& TrainingImages::frame(size_t frame) {
   std::unique_ptr<FrameOnDevice>& slot = frames_[frame];
-  if (!slot) slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, motion_of(capture_, "train").frames[frame].pose, shell_);
+  if (!slot) slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, pose(frame), shell_);
   return *slot;
 }
 

@@ -43,6 +43,7 @@ class TrainingImages {
   const TrainingImage& image(Commands& commands, RaySamples& finder, const Place& place);
   const Camera& camera(size_t index) const { return cameras_[index]; }
   int frame_number(size_t frame) const;
+  const Pose& pose(size_t frame) const;
 
  private:
   Device& device_;

@@ -63,10 +63,12 @@ ordered_json step_json(const StepReport& r) {
           {"eikonal", r.eikonal},
           {"inside", r.inside},
           {"skinning", r.skinning},
+          {"parameters", r.parameters},
           {"off_surface", r.off_surface},
           {"sdf_norm", r.sdf_norm},
           {"b", r.b},
           {"converged", r.converged},
+          {"hits", r.hits},
           {"shaded", r.shaded},
           {"grid_clamped", r.grid_clamped}};
 }

@@ -31,6 +31,8 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("size", s.size);
   visit("steps", s.steps);
   visit("minutes", s.minutes);
+  visit("frames_per_step", s.frames_per_step);
+  visit("pictures_per_frame", s.pictures_per_frame);
   visit("rays", s.rays);
   visit("rays_at_a_time", s.rays_at_a_time);
   visit("shaded_at_a_time", s.shaded_at_a_time);
@@ -59,6 +61,9 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("off_surface_weight", s.off_surface_weight);
   visit("inside_weight", s.inside_weight);
   visit("skinning_weight", s.skinning_weight);
+  visit("parameter_weight", s.parameter_weight);
+  visit("pose_noise", s.pose_noise);
+  visit("pose_noise_probability", s.pose_noise_probability);
   visit("eikonal_points", s.eikonal_points);
   visit("off_surface_points", s.off_surface_points);
   visit("inside_points", s.inside_points);
@@ -71,6 +76,10 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("latent", s.latent);
   visit("deviation", s.deviation);
   visit("grid", s.grid);
+  visit("pose_code", s.pose_code);
+  visit("hyper", s.hyper);
+  visit("low_rank", s.low_rank);
+  visit("hyper_last", s.hyper_last);
   visit("end_fraction", s.end_fraction);
   visit("average_decay", s.average_decay);
   visit("checkpoint_minutes", s.checkpoint_minutes);
@@ -156,6 +165,9 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.latent = {.rate = 1e-3};
   s.deviation = {.rate = 1e-4, .freeze = 200};  // else b shrinks to a tenth while the shape cannot follow
   s.grid = {.rate = 1e-2};
+  s.pose_code = {.rate = 1e-4, .warm_up = 200, .max_norm = 10};
+  s.hyper = s.hyper_last = {.rate = 1e-6, .warm_up = 200, .max_norm = 10};
+  s.low_rank = {.rate = 1e-5, .warm_up = 200, .max_norm = 10};
   if (preset == "tiny") return s;
   if (preset == "compact") {
     s.sdf.rate = 1e-4;
@@ -202,6 +214,11 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   reader.refuse_unknown();
   if (settings.grid_steps == 0) throw InputError(where, "grid_steps", "at least 1", "0");
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
+  if (settings.frames_per_step == 0 || settings.frames_per_step > 8 || settings.pictures_per_frame == 0 || settings.pictures_per_frame > 64)
+    throw InputError(where, "frames_per_step, pictures_per_frame", "1 to 8 and 1 to 64", fmt::format("{} and {}", settings.frames_per_step, settings.pictures_per_frame));
+  if (uint64_t(settings.rays) * settings.frames_per_step * settings.pictures_per_frame > 0x7fffffff) throw InputError(where, "rays", "at most 2^31 in a step", fmt::format("{} of each picture", settings.rays));
+  if (!(settings.parameter_weight >= 0 && settings.pose_noise >= 0 && settings.pose_noise_probability >= 0 && settings.pose_noise_probability <= 1))
+    throw InputError(where, "parameter_weight, pose_noise, pose_noise_probability", "at least 0, the probability at most 1", fmt::format("{}, {}, {}", settings.parameter_weight, settings.pose_noise, settings.pose_noise_probability));
   // Above, one ray's weight could be more than ten times another's.
   if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));

@@ -26,7 +26,9 @@ struct TrainingSettings {
   uint64_t steps = 0;   // 0: as many as `minutes` allow
   double minutes = 10;  // of wall-clock time in all; read where steps is 0
 
-  uint32_t rays = 256;           // a step, of one picture
+  uint32_t frames_per_step = 1;    // different ones
+  uint32_t pictures_per_frame = 1; // of a step's frame: its cameras by chance
+  uint32_t rays = 256;             // of each of these pictures
   uint32_t rays_at_a_time = 0;   // of them, rounded up to a multiple of 64; 0: as many as the device has room for
   uint32_t shaded_at_a_time = 0;  // of the samples of these rays; more go in halves. At least those of 64 rays; 0: as many as the device has room for
   double mask_fraction = 0.6;    // of them on the person, the others in the shell around
@@ -42,10 +44,15 @@ struct TrainingSettings {
 
   double color_weight = 30, alpha_weight = 1;
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
+  double parameter_weight = 100;  // of the size of the SDF's parameters, |φ| / n (ARAH.md §7); where the SDF follows the pose
+  // Where the SDF follows the pose: with this probability normal noise of deviation pose_noise is added to every number of the
+  // rotations that it reads (ARAH.md §7, augmentation), so that it does not learn the training poses by heart.
+  double pose_noise = 0.1, pose_noise_probability = 0.5;
   uint32_t eikonal_points = 256, off_surface_points = 128, inside_points = 128, skinning_points = 256;
   uint32_t skinning_every = 8;  // steps: the skinning network learns from colours and from the template every so often; 0: never
 
   GroupSettings sdf, mapping, skinning, color, latent, deviation, grid;
+  GroupSettings pose_code, hyper, low_rank, hyper_last;  // of the SDF by pose (parameter_layout.h)
   double end_fraction = 0.03;     // of each rate, at the end
   double average_decay = 0.995;   // of the moving average that renders; 0: none
   double checkpoint_minutes = 2;  // between checkpoints
@@ -63,6 +70,9 @@ TrainingSettings preset_settings(const std::string& preset);
 std::string settings_to_json(const TrainingSettings& settings);
 // Every field must be there and none else; InputError naming `where` and the field otherwise.
 TrainingSettings settings_from_json(const std::string& text, const std::string& where);
+
+// Of a step, of all its pictures.
+inline uint32_t all_rays(const TrainingSettings& settings) { return settings.rays * settings.frames_per_step * settings.pictures_per_frame; }
 
 // Of the dense samples around the surface at a step, metres.
 double half_width(const TrainingSettings& settings, uint64_t step);

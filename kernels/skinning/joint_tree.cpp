@@ -11,7 +11,7 @@ namespace {
 constexpr uint32_t no_gate = 255;  // NO_GATE of lib/hierarchical_softmax.glsl
 }
 
-JointTree::JointTree(const std::vector<int>& parents) : joints_(static_cast<uint32_t>(parents.size())) {
+JointTree::JointTree(const std::vector<int>& parents) : parents_(parents), joints_(static_cast<uint32_t>(parents.size())) {
   if (parents.empty() || parents.size() > most_joints)
     throw std::invalid_argument(fmt::format("a joint tree has 1 to {} joints, not {}", most_joints, parents.size()));
   std::vector<uint32_t> children(joints_, 0), last_child(joints_, 0);

@@ -1,7 +1,7 @@
 // The kernels that make a SIREN's parameters of a pose, against the double-precision truth and the golden case.
 #include <cmath>
 
-#include "kernels/conditioning/pose_conditioning.h"
+#include "kernels/conditioning/pose_networks.h"
 #include "kernels/optimizer/adam.h"
 #include "kernels/optimizer/clip_scale.h"
 #include "kernels/optimizer/sum_of_squares.h"
@@ -53,10 +53,10 @@ class Conditioning : public DeviceTest {
   }
 
   struct On {
-    PoseConditioningShape shape;
+    PoseNetworksShape shape;
     Buffer parameters, gradients;
-    PoseConditioningTensors p, g;
-    std::unique_ptr<PoseConditioning> networks;
+    PoseNetworksTensors p, g;
+    std::unique_ptr<PoseNetworks> networks;
     struct Places {
       uint64_t encoder = 0;
       shared::PoseEncoderConstants at{};
@@ -97,7 +97,7 @@ class Conditioning : public DeviceTest {
     on->gradients = filled("gradients", std::vector<float>(flat.floats().size(), 0.0f));
     const auto tensors = [&](Buffer& buffer) {
       const auto slice = [&](uint64_t at, uint64_t count) { return buffer.slice().elements(at, (count + 63) / 64 * 64); };
-      PoseConditioningTensors t;
+      PoseNetworksTensors t;
       t.encoder = buffer.slice().elements(0, encoder_end);
       for (size_t i = 0; i < hidden; ++i) {
         const uint64_t w = n.trunks[0].layers[i].w.size() * n.trunks.size(), b = n.trunks[0].layers[i].b.size() * n.trunks.size();
@@ -114,7 +114,7 @@ class Conditioning : public DeviceTest {
     };
     on->p = tensors(on->parameters);
     on->g = tensors(on->gradients);
-    on->networks = std::make_unique<PoseConditioning>(device, "conditioning", on->shape, on->p, places.at, &on->g, frames);
+    on->networks = std::make_unique<PoseNetworks>(device, "conditioning", on->shape, on->p, places.at, &on->g, frames);
     return on;
   }
 

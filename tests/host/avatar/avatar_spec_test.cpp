@@ -6,6 +6,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <random>
 
 #include "host/input_error.h"
@@ -25,6 +26,7 @@ TEST(AvatarSpec, PaperPresetHasTheReleasedSizes) {
   const AvatarSpec spec = preset_spec("paper");
   EXPECT_THAT(sdf_widths(spec), ElementsAre(3, 256, 256, 256, 256, 256, 256, 1));
   EXPECT_THAT(mapping_widths(spec), ElementsAre(128, 256, 256, 256, 3072));
+  EXPECT_THAT(pose_widths(spec, 24), ElementsAre(144, 256, 256));
   EXPECT_THAT(skinning_widths(spec, 25), ElementsAre(3, 128, 128, 128, 128, 25));
   EXPECT_THAT(color_widths(spec), ElementsAre(417, 256, 256, 128, 256, 256, 3));
   EXPECT_EQ(spec.color.skip, 3);
@@ -67,13 +69,21 @@ TEST(AvatarSpec, OddSpecsSurviveJsonExactly) {
   AvatarSpec spec;
   spec.preset = "odd_1";
   spec.skinning = {Skinning::template_weights, 0, 0};
-  spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2};
+  spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2, PoseConditioning::low_rank, 24, 3};
   spec.color = {53, 4, 2, 19, true, false, false, false};
   spec.latent_size = 7;
   spec.latent_init_std = 1.0 / 3.0;
   spec.b_init = 1e-300;
   spec.grid_cells = {0.1, 1.0 / 7.0};
   EXPECT_EQ(spec_from_json(spec_to_json(spec), "odd"), spec);
+}
+
+// Files from before the SDF could follow the pose do not mention it.
+TEST(AvatarSpec, AbsentPoseFieldsMeanNone) {
+  AvatarSpec spec = preset_spec("tiny");
+  auto json = nlohmann::json::parse(spec_to_json(spec));
+  for (const char* field : {"pose", "pose_width", "pose_hidden_layers"}) EXPECT_EQ(json["sdf"].erase(field), 1u);
+  EXPECT_EQ(spec_from_json(json.dump(), "old"), spec);
 }
 
 TEST(AvatarSpec, PartialJsonChangesOnlyWhatItStates) {
@@ -102,7 +112,10 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"sdf": {"sine_layers": 17}})", {"sdf.sine_layers", "17"}},
       {R"({"sdf": {"omega": 0}})", {"sdf.omega", "above 0"}},
       {R"({"sdf": {"omega": 1e999}})", {"JSON"}},
-      {R"({"sdf": {"conditioning": "pose_hypernetwork"}})", {"sdf.conditioning", "not in this version"}},
+      {R"({"sdf": {"pose": "magic"}})", {"sdf.pose", "none, low_rank or hypernetwork", "'magic'"}},
+      {R"({"sdf": {"pose": "low_rank"}})", {"sdf.pose_width", "from 1 to"}},
+      {R"({"sdf": {"pose": "low_rank", "pose_width": 12, "pose_hidden_layers": 1}})", {"sdf.pose_width", "a multiple of 8"}},
+      {R"({"sdf": {"pose_hidden_layers": 1}})", {"sdf.pose_hidden_layers", "0 without sdf.pose"}},
       {R"({"sdf": {"conditioning": "magic"}})", {"sdf.conditioning", "'magic'"}},
       {R"({"sdf": {"conditioning": "latent"}})", {"sdf.mapping_width", "from 1 to"}},
       {R"({"sdf": {"mapping_width": 8}})", {"sdf.mapping_width", "0 without conditioning"}},

@@ -29,7 +29,7 @@ Skeleton tree(std::vector<int> parents) {
 AvatarSpec odd_spec() {
   AvatarSpec spec;
   spec.skinning = {Skinning::network, 17, 3};
-  spec.sdf = {13, 3, 25.0, SdfConditioning::latent, 9, 2};
+  spec.sdf = {13, 3, 25.0, SdfConditioning::latent, 9, 2, PoseConditioning::low_rank, 16, 2};
   spec.color = {21, 4, 3, 7, true, true, true, true};
   spec.latent_size = 5;
   spec.latent_init_std = 0.25;
@@ -65,6 +65,18 @@ TEST(ParameterLayout, PaperSizesMatchTheGoldenTensors) {
   EXPECT_EQ(compared, 7u * 2 + 5 * 3 + 6 * 3);
 }
 
+// ARAH.md section 11 counts 85.60 million numbers, 84.54 of them in the last layers, and 13,734 of the encoder. The bias of the
+// last layers, 330,241 numbers, is here the SDF that all poses share.
+TEST(ParameterLayout, PaperHypernetworkHasTheReleasedNumbers) {
+  const ParameterLayout layout = make_parameter_layout(preset_spec("paper"), tree(kSmplParents), 4, {});
+  EXPECT_EQ(layout.parameter_count("hyper_last"), 84541696u);
+  EXPECT_EQ(layout.parameter_count("sdf"), 330241u);
+  EXPECT_EQ(layout.parameter_count("sdf") + layout.parameter_count("hyper") + layout.parameter_count("hyper_last"), 85599489u);
+  EXPECT_EQ(layout.parameter_count("pose_code"), 13734u);
+  EXPECT_EQ(layout.group("hyper_last").end, layout.floats) << "gradients end before it";
+  EXPECT_EQ(layout.slot("hyper_last.1.W").shape, (std::vector<int64_t>{65536, 256}));
+}
+
 TEST(ParameterLayout, GroupsFollowEachOtherAndSlotsAreAligned) {
   for (const AvatarSpec& spec : {odd_spec(), preset_spec("paper")}) {
     const ParameterLayout layout =
@@ -80,7 +92,7 @@ TEST(ParameterLayout, GroupsFollowEachOtherAndSlotsAreAligned) {
     }
     EXPECT_EQ(layout.floats, end);
     EXPECT_EQ(end % kSlotAlignment, 0u);
-    EXPECT_THAT(names, ElementsAre("sdf", "mapping", "skinning", "color", "latent", "deviation", "grid"));
+    EXPECT_THAT(names, ElementsAre("sdf", "mapping", "skinning", "color", "latent", "deviation", "pose_code", "hyper", "low_rank", "grid", "hyper_last"));
     end = 0;
     for (const TensorSlot& slot : layout.slots) {
       EXPECT_GE(slot.offset, end) << slot.name;
@@ -122,7 +134,7 @@ TEST(ParameterLayout, AbsentPartsCostNothing) {
   spec.latent_size = 0;
   spec.grid_cells.clear();
   const ParameterLayout layout = make_parameter_layout(spec, tree({-1, 0}), 0, {});
-  for (const char* group : {"mapping", "skinning", "latent", "grid"})
+  for (const char* group : {"mapping", "skinning", "latent", "pose_code", "hyper", "low_rank", "grid", "hyper_last"})
     EXPECT_EQ(layout.group(group).size(), 0u) << group;
   EXPECT_THROW(layout.slot("latent"), std::out_of_range);
   EXPECT_THROW(layout.group("hair"), std::out_of_range);

@@ -37,6 +37,7 @@ TEST(ChooseSpec, OneFrameNeedsNeitherSkinningNorCodes) {
     const AvatarSpec spec = choose_spec(preset, one).spec;
     EXPECT_EQ(spec.skinning.kind, Skinning::none);
     EXPECT_EQ(spec.sdf.conditioning, SdfConditioning::none);
+    EXPECT_EQ(spec.sdf.pose, PoseConditioning::none);
     EXPECT_EQ(spec.latent_size, 0u);
     EXPECT_FALSE(spec.color.latent);
   }
@@ -46,6 +47,7 @@ TEST(ChooseSpec, ManyFramesOfOnePoseKeepTheColourCode) {
   const AvatarSpec spec = choose_spec("paper", {12, 9, 24, true, false}).spec;
   EXPECT_EQ(spec.skinning.kind, Skinning::none);
   EXPECT_EQ(spec.sdf.conditioning, SdfConditioning::none);
+  EXPECT_EQ(spec.sdf.pose, PoseConditioning::none);
   EXPECT_TRUE(spec.color.latent);
   EXPECT_EQ(spec.latent_size, 128u);
 }
@@ -58,8 +60,8 @@ TEST(ChooseSpec, GivesOneReasonAPart) {
   for (const CaptureFacts& facts : {kStudio, kHome, CaptureFacts{1, 1, 1, true, true}}) {
     for (const std::string& preset : preset_names()) {
       const SpecChoice choice = choose_spec(preset, facts);
-      ASSERT_EQ(choice.reasons.size(), 7u);
-      for (const char* part : {"skinning: ", "SDF conditioning: ", "colour latent: ", "colour view direction: ",
+      ASSERT_EQ(choice.reasons.size(), 8u);
+      for (const char* part : {"skinning: ", "SDF conditioning: ", "SDF by pose: ", "colour latent: ", "colour view direction: ",
                                "colour normal: ", "colour feature grid: ", "pose refinement: "}) {
         EXPECT_THAT(choice.reasons, Contains(AllOf(testing::StartsWith(part), HasSubstr(", because "))));
       }

@@ -18,7 +18,7 @@ TEST_F(BakedSurface, IsWhereTheNetworkSays) {
   TemplateOnDevice body(device, avatar.body);
   FrameOnDevice frame(device, avatar, body, bent_pose(avatar.body.skeleton), {});
   Field field(device, networks, 1000, 1, {.capacity = point_padding}, false);
-  networks.record_pack(commands, 0);
+  networks.record_pack(commands, 0, {});
   commands.submit_and_wait();
   BakedDistances baked(device, avatar, 0.006);
   baked.bake(commands, field, frame.constants());

@@ -71,7 +71,7 @@ class ColorGradients : public DeviceTest {
     const Camera camera = capsule_camera(45, 53);
     std::vector<uint32_t> pixels;
     for (uint32_t i = 0; i < ray_count; ++i) pixels.push_back((13 + (i * 7) % 19) | (10 + (i * 11) % 31) << 16);
-    networks.record_pack(commands, latent_row_used);
+    networks.record_pack(commands, latent_row_used, {});
     commands.submit_and_wait();
     SurfaceFinder finder(device, networks, ray_count);
     SurfaceHits found_surface = ray_samples.search_surface(commands, frame, camera, pixels, finder, SurfaceFinder::Candidates::in_box);
@@ -121,7 +121,7 @@ class ColorGradients : public DeviceTest {
   // search: correspondences are found anew, as a change of the skinning network asks for.
   double loss(const std::vector<float>& parameters, bool search) {
     device.upload(networks.parameters(), parameters);
-    networks.record_pack(commands, latent_row_used);
+    networks.record_pack(commands, latent_row_used, {});
     if (search) points.solve(commands, frame, rows, targets.slice(), canonical.slice(), sampling().root);
     field.record_forward(commands, inputs());
     record_composite_forward(commands, composite());
@@ -140,7 +140,7 @@ class ColorGradients : public DeviceTest {
   std::vector<float> gradients(const std::vector<float>& parameters, bool search) {
     device.upload(networks.parameters(), parameters);
     commands.fill(networks.gradients(), 0);
-    networks.record_pack(commands, latent_row_used);
+    networks.record_pack(commands, latent_row_used, {});
     if (search) points.solve(commands, frame, rows, targets.slice(), canonical.slice(), sampling().root);
     field.record_forward(commands, inputs());
     record_composite_forward(commands, composite());

@@ -1,4 +1,4 @@
-#include "kernels/conditioning/pose_conditioning.h"
+#include "kernels/conditioning/pose_networks.h"
 
 #include <fmt/format.h>
 
@@ -17,11 +17,11 @@ uint64_t aligned(uint64_t floats) { return (floats + alignment - 1) / alignment 
 
 }  // namespace
 
-PoseConditioning::PoseConditioning(Device& device, const std::string& name, const PoseConditioningShape& shape, const PoseConditioningTensors& parameters,
-                                   const shared::PoseEncoderConstants& encoder_at, const PoseConditioningTensors* gradients, uint32_t frames)
+PoseNetworks::PoseNetworks(Device& device, const std::string& name, const PoseNetworksShape& shape, const PoseNetworksTensors& parameters,
+                                   const shared::PoseEncoderConstants& encoder_at, const PoseNetworksTensors* gradients, uint32_t frames)
     : name_(name), shape_(shape), parameters_(parameters), encoder_at_(encoder_at) {
   if (shape.width == 0 || shape.width % 8 || shape.hidden_layers == 0 || parameters.hidden.size() != shape.hidden_layers || parameters.layers.size() != shape.layers.size() || shape.layers.empty() || frames == 0)
-    throw std::invalid_argument(fmt::format("pose conditioning '{}': width {}, {} hidden layers, tensors for {}; {} layers of the SIREN, tensors for {}", name, shape.width, shape.hidden_layers,
+    throw std::invalid_argument(fmt::format("pose networks '{}': width {}, {} hidden layers, tensors for {}; {} layers of the SIREN, tensors for {}", name, shape.width, shape.hidden_layers,
                                             parameters.hidden.size(), shape.layers.size(), parameters.layers.size()));
   const auto make = [&](const char* what, uint64_t floats) {
     Buffer buffer(device, fmt::format("{} {}", name, what), aligned(floats) * 4, BufferPlace::device);
@@ -74,35 +74,35 @@ PoseConditioning::PoseConditioning(Device& device, const std::string& name, cons
   kept_h_ = make("activations of the step's frames", frames * aligned(h));
 }
 
-LayerTensors PoseConditioning::tensors(Buffer& buffer, uint32_t l) {
+LayerTensors PoseNetworks::tensors(Buffer& buffer, uint32_t l) {
   LayerTensors result;
   result.weight = buffer.slice().elements(weights_[l].at, weights_[l].count);
   result.bias = buffer.slice().elements(biases_[l].at, biases_[l].count);
   return result;
 }
 
-VectorLayer PoseConditioning::hidden_layer(uint32_t i) const {
+VectorLayer PoseNetworks::hidden_layer(uint32_t i) const {
   const auto count = static_cast<uint32_t>(shape_.layers.size());
   // The first layers of all networks read the code: one matrix.
   if (i == 0) return {count * shape_.width, shape_.code(), 1, false, "hypernetwork layer 0"};
   return {shape_.width, shape_.width, count, true, "hypernetwork, inner layer"};
 }
 
-VectorLayer PoseConditioning::dense_layer(uint32_t l, bool bias) const {
+VectorLayer PoseNetworks::dense_layer(uint32_t l, bool bias) const {
   return {static_cast<uint32_t>(bias ? biases_[l].count : weights_[l].count), shape_.width, 1, false, "hypernetwork, last layer"};
 }
 
-PoseCodeArgs PoseConditioning::code_args() {
+PoseCodeArgs PoseNetworks::code_args() {
   return {shape_.joints(), parents_.slice(), pose_.slice(), parameters_.encoder, encoder_at_, inputs_.slice(), hidden_.slice(), code_.slice()};
 }
 
-LayerNormArgs PoseConditioning::norm_args(uint32_t i) {
+LayerNormArgs PoseNetworks::norm_args(uint32_t i) {
   HiddenBuffers& layer = layers_[i];
   return {static_cast<uint32_t>(shape_.layers.size()), shape_.width, layer.a.slice(), parameters_.hidden[i].scale, parameters_.hidden[i].shift,
           layer.normalised.slice(), layer.inverse_deviation.slice(), layer.y.slice()};
 }
 
-void PoseConditioning::record_forward(Commands& commands) {
+void PoseNetworks::record_forward(Commands& commands) {
   record_pose_code(commands, code_args());
   for (uint32_t i = 0; i < shape_.hidden_layers; ++i) {
     record_vector_layer(commands, {hidden_layer(i), parameters_.hidden[i].w, i == 0 ? code_.slice() : layers_[i - 1].y.slice(), parameters_.hidden[i].b, layers_[i].a.slice()});
@@ -110,7 +110,7 @@ void PoseConditioning::record_forward(Commands& commands) {
   }
   const BufferSlice h = layers_.back().y.slice();
   for (uint32_t l = 0; l < shape_.layers.size(); ++l) {
-    const PoseConditioningTensors::Change& change = parameters_.layers[l];
+    const PoseNetworksTensors::Change& change = parameters_.layers[l];
     const LayerTensors result = generated(l);
     if (shape_.change == PoseChange::dense) {
       record_vector_layer(commands, {dense_layer(l, false), change.dense_w, h, change.base_w, result.weight, l * shape_.width});
@@ -121,9 +121,23 @@ void PoseConditioning::record_forward(Commands& commands) {
   }
 }
 
-void PoseConditioning::record_clear_gradient(Commands& commands) { commands.fill(d_generated_.slice(), 0); }
+void PoseNetworks::record_shared(Commands& commands) {
+  for (uint32_t l = 0; l < shape_.layers.size(); ++l) {
+    commands.copy(parameters_.layers[l].base_w, generated_.slice().elements(weights_[l].at, aligned(weights_[l].count)));
+    commands.copy(parameters_.layers[l].base_b, generated_.slice().elements(biases_[l].at, aligned(biases_[l].count)));
+  }
+}
 
-void PoseConditioning::record_parameter_norm(Commands& commands, float weight, const BufferSlice& losses, uint32_t slot) {
+void PoseNetworks::record_shared_backward(Commands& commands) {
+  for (uint32_t l = 0; l < shape_.layers.size(); ++l) {
+    record_add(commands, d_generated_.slice().elements(weights_[l].at, aligned(weights_[l].count)), gradients_.layers[l].base_w, "gradient of the shared parameters");
+    record_add(commands, d_generated_.slice().elements(biases_[l].at, aligned(biases_[l].count)), gradients_.layers[l].base_b, "gradient of the shared parameters");
+  }
+}
+
+void PoseNetworks::record_clear_gradient(Commands& commands) { commands.fill(d_generated_.slice(), 0); }
+
+void PoseNetworks::record_parameter_norm(Commands& commands, float weight, const BufferSlice& losses, uint32_t slot) {
   ParameterNormArgs args;
   for (const Place& place : weights_)
     args.parts.push_back({generated_.slice().elements(place.at, aligned(place.count)), d_generated_.slice().elements(place.at, place.count), place.count});
@@ -135,17 +149,15 @@ void PoseConditioning::record_parameter_norm(Commands& commands, float weight, c
   arah::record_parameter_norm(commands, args);
 }
 
-void PoseConditioning::record_backward(Commands& commands, uint32_t frame) {
-  if (!d_generated_.bytes()) throw std::logic_error("pose conditioning '" + name_ + "' was made without gradients");
+void PoseNetworks::record_backward(Commands& commands, uint32_t frame) {
+  if (!d_generated_.bytes()) throw std::logic_error("pose networks '" + name_ + "' was made without gradients");
   HiddenBuffers& last = layers_.back();
   const uint64_t h_floats = aligned(uint64_t(shape_.layers.size()) * shape_.width);
+  record_shared_backward(commands);
   commands.fill(d_code_.slice(), 0);
   for (HiddenBuffers& layer : layers_) commands.fill(layer.d_y.slice(), 0);
   for (uint32_t l = 0; l < shape_.layers.size(); ++l) {
-    const PoseConditioningTensors::Change &change = parameters_.layers[l], &d_change = gradients_.layers[l];
-    const LayerTensors d = generated_gradient(l);
-    record_add(commands, d_generated_.slice().elements(weights_[l].at, aligned(weights_[l].count)), d_change.base_w, "gradient of the shared parameters");
-    record_add(commands, d_generated_.slice().elements(biases_[l].at, aligned(biases_[l].count)), d_change.base_b, "gradient of the shared parameters");
+    const PoseNetworksTensors::Change& change = parameters_.layers[l];
     if (shape_.change == PoseChange::dense) {
       record_vector_layer_input_gradient(commands, {dense_layer(l, false), change.dense_w, d_generated_.slice().elements(weights_[l].at, aligned(weights_[l].count)), partials_.slice(), last.d_y.slice(), l * shape_.width});
       record_vector_layer_input_gradient(commands, {dense_layer(l, true), change.dense_b, d_generated_.slice().elements(biases_[l].at, aligned(biases_[l].count)), partials_.slice(), last.d_y.slice(), l * shape_.width});
@@ -153,9 +165,9 @@ void PoseConditioning::record_backward(Commands& commands, uint32_t frame) {
       LowRankBackwardArgs back;
       back.forward = {shape_.layers[l][0], shape_.layers[l][1], shape_.width, change.low_rank, last.y.slice(), l * shape_.width, {}, {}, {}, {}};
       back.d_w = d_generated_.slice().elements(weights_[l].at, aligned(weights_[l].count));
-      back.d_b = d.bias;
+      back.d_b = generated_gradient(l).bias;
       back.partials = partials_.slice();
-      back.gradients = d_change.low_rank;
+      back.gradients = gradients_.layers[l].low_rank;
       back.d_h = last.d_y.slice();
       record_low_rank_backward(commands, back);
     }
@@ -165,7 +177,7 @@ void PoseConditioning::record_backward(Commands& commands, uint32_t frame) {
     commands.copy(last.y.slice(), kept_h_.slice().elements(frame * h_floats, h_floats));
   }
   for (uint32_t i = shape_.hidden_layers; i-- > 0;) {
-    const PoseConditioningTensors::Hidden &p = parameters_.hidden[i], &g = gradients_.hidden[i];
+    const PoseNetworksTensors::Hidden &p = parameters_.hidden[i], &g = gradients_.hidden[i];
     record_layer_norm_backward(commands, {norm_args(i), layers_[i].d_y.slice(), g.scale, g.shift, layers_[i].d_a.slice()});
     const VectorLayer layer = hidden_layer(i);
     const BufferSlice x = i == 0 ? code_.slice() : layers_[i - 1].y.slice();
@@ -175,7 +187,7 @@ void PoseConditioning::record_backward(Commands& commands, uint32_t frame) {
   record_pose_code_backward(commands, {code_args(), d_code_.slice(), gradients_.encoder, d_pose_.slice()});
 }
 
-OuterProduct PoseConditioning::outer(uint32_t l, const Place& place, uint32_t frames) {
+OuterProduct PoseNetworks::outer(uint32_t l, const Place& place, uint32_t frames) {
   const uint64_t h_floats = aligned(uint64_t(shape_.layers.size()) * shape_.width);
   OuterProduct product;
   product.pairs = frames;
@@ -189,7 +201,7 @@ OuterProduct PoseConditioning::outer(uint32_t l, const Place& place, uint32_t fr
   return product;
 }
 
-OuterProduct PoseConditioning::dense_w_gradient(uint32_t l, uint32_t frames) { return outer(l, weights_[l], frames); }
-OuterProduct PoseConditioning::dense_b_gradient(uint32_t l, uint32_t frames) { return outer(l, biases_[l], frames); }
+OuterProduct PoseNetworks::dense_w_gradient(uint32_t l, uint32_t frames) { return outer(l, weights_[l], frames); }
+OuterProduct PoseNetworks::dense_b_gradient(uint32_t l, uint32_t frames) { return outer(l, biases_[l], frames); }
 
 }  // namespace arah

@@ -21,7 +21,7 @@ namespace arah {
 
 enum class PoseChange { low_rank, dense };
 
-struct PoseConditioningShape {
+struct PoseNetworksShape {
   PoseChange change = PoseChange::low_rank;
   std::vector<int> parents;  // the joint tree, parents first, −1 for the root
   uint32_t width = 0;        // of h and of the layers before it: the rank of the change, a multiple of 8
@@ -33,7 +33,7 @@ struct PoseConditioningShape {
 };
 
 // Slices of the flat parameter buffer, or of the gradients, each padded to 64 floats.
-struct PoseConditioningTensors {
+struct PoseNetworksTensors {
   BufferSlice encoder;
   struct Hidden {
     BufferSlice w;                // [layers][width][inputs]
@@ -48,14 +48,14 @@ struct PoseConditioningTensors {
   std::vector<Change> layers;
 };
 
-class PoseConditioning {
+class PoseNetworks {
  public:
   // gradients: of everything but dense_w and dense_b; default: none, and no backward pass. frames: of a step, whose outer
   // products are kept. Throws std::invalid_argument where sizes do not fit.
-  PoseConditioning(Device& device, const std::string& name, const PoseConditioningShape& shape, const PoseConditioningTensors& parameters,
-                   const shared::PoseEncoderConstants& encoder_at, const PoseConditioningTensors* gradients, uint32_t frames = 1);
+  PoseNetworks(Device& device, const std::string& name, const PoseNetworksShape& shape, const PoseNetworksTensors& parameters,
+                   const shared::PoseEncoderConstants& encoder_at, const PoseNetworksTensors* gradients, uint32_t frames = 1);
 
-  const PoseConditioningShape& shape() const { return shape_; }
+  const PoseNetworksShape& shape() const { return shape_; }
   BufferSlice pose() { return pose_.slice(); }           // float [joints][9], [joints][3]: the caller uploads it (pose_code.h)
   BufferSlice pose_gradient() { return d_pose_.slice(); }
   // W and b of the SIREN's layer l, and where the SIREN leaves their gradients (+=).
@@ -64,6 +64,9 @@ class PoseConditioning {
 
   // pose() → generated()
   void record_forward(Commands& commands);
+  // φ₀ → generated(): the SIREN that all poses share, and the way back from generated_gradient() to it (+=).
+  void record_shared(Commands& commands);
+  void record_shared_backward(Commands& commands);
   // Before the first gradient of a frame.
   void record_clear_gradient(Commands& commands);
   // The regulariser's value and its part of generated_gradient(); after record_forward.
@@ -87,8 +90,8 @@ class PoseConditioning {
   OuterProduct outer(uint32_t l, const Place& place, uint32_t frames);
 
   std::string name_;
-  PoseConditioningShape shape_;
-  PoseConditioningTensors parameters_, gradients_;
+  PoseNetworksShape shape_;
+  PoseNetworksTensors parameters_, gradients_;
   shared::PoseEncoderConstants encoder_at_;
   std::vector<Place> weights_, biases_;
   uint64_t generated_floats_ = 0;
