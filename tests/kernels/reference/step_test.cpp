@@ -55,16 +55,6 @@ std::vector<double> gathered(const std::vector<double>& all, std::size_t width, 
   return values;
 }
 
-std::vector<Vector<3>> as_rows(const std::vector<double>& values) {
-  std::vector<Vector<3>> rows;
-  for (std::size_t i = 0; i < values.size() / 3; ++i) rows.push_back(row<3>(values, i));
-  return rows;
-}
-std::vector<double> flat(const std::vector<Vector<3>>& rows) {
-  std::vector<double> values;
-  for (const Vector<3>& r : rows) append<3>(values, r);
-  return values;
-}
 std::vector<double> scaled(std::vector<double> values, double factor) {
   for (double& value : values) value *= factor;
   return values;
