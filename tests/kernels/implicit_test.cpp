@@ -7,13 +7,9 @@
 #include "kernels/reference/broyden.h"
 #include "kernels/skinning/implicit_cotangent.h"
 #include "kernels/skinning/implicit_joint_cotangent.h"
-#include "kernels/skinning/jacobian.h"
-#include "kernels/skinning/lbs.h"
-#include "kernels/skinning/lbs_backward.h"
 #include "shaders/shared/ray.h"
-#include "tests/kernels/device_networks.h"
 #include "tests/kernels/reference/golden_networks.h"
-#include "tests/kernels/skinning_scene.h"
+#include "tests/kernels/skinning_at.h"
 
 namespace arah {
 namespace {
@@ -26,63 +22,6 @@ class Implicit : public DeviceTest {
     const std::vector<float> values = uniform(count, -scale, scale);
     return {values.begin(), values.end()};
   }
-};
-
-// A skinning network at given canonical points: everything that the implicit gradient reads of it and writes to it.
-struct SkinningAt {
-  SkinningAt(Device& device, const reference::SkinningNetwork& network, const std::vector<double>& bones, const std::vector<double>& x)
-      : points(static_cast<uint32_t>(x.size() / 3)), tree(reference::smpl_parents()), dense(device, network.layers, points) {
-    const uint64_t padded = padded_points(points);
-    auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, what, bytes, BufferPlace::device); };
-    frame = make("frame", sizeof(FrameConstants));
-    const FrameConstants constants = frame_constants(network.cube, bones);
-    device.upload(frame.slice(), &constants, sizeof constants);
-    canonical = make("canonical", padded * 16);
-    std::vector<float> rows = padded_rows(x, 3, 4);
-    for (size_t row = 0; row < rows.size() / 4; ++row) rows[4 * row + 3] = 1;  // a root
-    device.upload(canonical.slice(), rows);
-    posed = make("posed", padded * 16), transforms = make("transforms", padded * 48), jacobians = make("jacobians", padded * 48);
-    for (Buffer& gradient : gradients) gradient = make("gradient", padded * channel_padding * 4);
-    cotangents = make("cotangents", padded * 16);
-    singular = make("singular", 256);
-    device.upload(singular.slice(), std::vector<uint32_t>(64, 0));
-    std::vector<double> n;
-    for (size_t p = 0; p < points; ++p)
-      for (const double value : network.cube.to_cube({x[3 * p], x[3 * p + 1], x[3 * p + 2]})) n.push_back(value);
-    dense.write_input(n, points);
-  }
-
-  void record_jacobians(Commands& commands) {
-    dense.network.record_pack(commands);
-    dense.network.record_forward(commands, dense.tape, {points, {}});
-    record_lbs(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), posed.slice(), transforms.slice(), {}});
-    JacobianArgs jacobian{{points, {}}, frame.slice(), transforms.slice(), {}, jacobians.slice()};
-    for (uint32_t i = 0; i < 3; ++i) {
-      record_lbs_backward(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), {}, i, dense.tape.output_gradient(), {}});
-      DenseNetwork::Backward through;
-      through.weight_gradients = false;
-      through.input_gradient = true;
-      jacobian.gradients[i] = through.input_gradient_result = {gradients[i].slice(), channel_padding, 0};
-      dense.network.record_backward(commands, dense.tape, {points, {}}, through);
-    }
-    record_jacobian(commands, jacobian);
-  }
-
-  // From `cotangents` to the raw gradients of the network.
-  void record_back(Commands& commands) {
-    record_lbs_backward(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), cotangents.slice(), 3, dense.tape.output_gradient(), {}});
-    DenseNetwork::Backward weights;
-    weights.scratch = dense.scratch.slice();
-    dense.network.record_backward(commands, dense.tape, {points, {}}, weights);
-    dense.network.record_unpack(commands);
-  }
-
-  Rows rows() const { return {{points, {}}, {}}; }
-
-  uint32_t points;
-  JointTree tree;
-  DeviceDense dense;
-  Buffer frame, canonical, posed, transforms, jacobians, gradients[3], cotangents, singular;
 };
 
 TEST_F(Implicit, GoldenGradientsThroughTheCorrespondence) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <random>
 #include <vector>
 
@@ -31,11 +32,20 @@ struct Ellipsoid {
   }
 };
 
+// f and ∂f/∂n in the cube.
+struct Surface {
+  std::function<double(const Vector3&)> value;
+  std::function<Vector3(const Vector3&)> gradient;
+};
+inline Surface surface_of(const Ellipsoid& ellipsoid) {
+  return {[=](const Vector3& n) { return ellipsoid.value(n); }, [=](const Vector3& n) { return ellipsoid.gradient(n); }};
+}
+
 // A skinning network in a pose. Weights change slowly over space, as a body's do.
 struct Body {
   reference::SkinningNetwork network;
   std::vector<double> bones;
-  Ellipsoid surface;
+  Surface surface = surface_of(Ellipsoid{});
   JointTree tree{smpl_tree()};
 
   std::vector<double> logits(const std::vector<double>& x) const {
@@ -58,8 +68,7 @@ struct Body {
 
 inline Body small_body(std::mt19937_64& generator, double turn) {
   Body body{{reference::JointTree(smpl_tree()), {{0.05, -0.1, 0.02}, -0.95, 1.05}, {}, 20},
-            random_bones(generator, 24, turn),
-            {}};
+            random_bones(generator, 24, turn)};
   const size_t logits = body.network.tree.logits();
   const auto doubles = [&](size_t count, double scale) {
     std::uniform_real_distribution<double> distribution(-scale, scale);

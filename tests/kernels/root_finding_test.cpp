@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "kernels/reference/broyden.h"
+#include "kernels/reference/siren.h"
 #include "kernels/skinning/lbs.h"
 #include "kernels/tracing/broyden_finish.h"
 #include "kernels/tracing/broyden_start.h"
@@ -288,7 +289,7 @@ TEST_F(RootFinding, AStartThatIsGoodEnoughIsTheRootAndAGivenOneNeedsNoSearch) {
 TEST_F(RootFinding, GoldenCorrespondences) {
   ARAH_SKIP_WITHOUT_GOLDEN();
   const golden::Case truth("07_broyden_points"), network("03_lbs_net");
-  Body body{reference::golden_skinning(network, network), truth.values("in.B"), {}};
+  const Body body{reference::golden_skinning(network, network), truth.values("in.B")};
   const Solved solved = solve(body, truth.values("in.x0"), truth.values("in.x_bar"));
   const std::vector<double> x = truth.values("out.x"), steps = truth.values("out.iters"),
                             robust = truth.values("out.robust"), converged = truth.values("out.converged");
@@ -306,6 +307,47 @@ TEST_F(RootFinding, GoldenCorrespondences) {
               same_steps, largest);
   EXPECT_GT(compared, 100u);
   EXPECT_LE(largest, 5e-5);  // the golden file's own bound for a robust point
+  EXPECT_GE(static_cast<double>(same_steps), 0.9 * static_cast<double>(compared));
+}
+
+TEST_F(RootFinding, GoldenSurfacePoints) {
+  ARAH_SKIP_WITHOUT_GOLDEN();
+  const golden::Case truth("07_broyden_joint"), network("03_lbs_net"), sdf("04_siren_full_params");
+  reference::Siren siren = reference::golden_siren(sdf);
+  for (reference::SirenLayer& layer : siren.layers) {  // this case has no modulation: γ = 1, η = 0
+    std::fill(layer.gamma.begin(), layer.gamma.end(), 1);
+    std::fill(layer.eta.begin(), layer.eta.end(), 0);
+  }
+  const Body body{reference::golden_skinning(network, network),
+                  truth.values("in.B"),
+                  {[&](const Vector3& n) { return reference::siren_forward(siren, 1, n).sdf[0]; },
+                   [&](const Vector3& n) {
+                     const std::vector<double> gradient = reference::siren_forward(siren, 1, n).gradient;
+                     return Vector3{gradient[0], gradient[1], gradient[2]};
+                   }}};
+  const std::vector<double> camera = truth.values("in.cam"), directions = truth.values("in.dir"), near_far = truth.values("in.near_far"), x = truth.values("out.x"), depths = truth.values("out.d"),
+                            steps = truth.values("out.iters"), robust = truth.values("out.robust"), converged = truth.values("out.converged"), hit = truth.values("out.hit");
+  std::vector<Ray> rays(depths.size());
+  for (size_t r = 0; r < rays.size(); ++r) {
+    for (size_t i = 0; i < 3; ++i) rays[r].origin[i] = static_cast<float>(camera[i]), rays[r].direction[i] = static_cast<float>(directions[3 * r + i]);
+    rays[r].near = static_cast<float>(near_far[2 * r]), rays[r].far = static_cast<float>(near_far[2 * r + 1]);
+  }
+  const Solved solved = solve(body, truth.values("in.x0"), {}, rays, truth.values("in.d0"), truth.values("in.trans"));
+  size_t compared = 0, same_steps = 0;
+  double largest = 0;
+  for (size_t r = 0; r < rays.size(); ++r) {
+    if (robust[r] == 0) continue;
+    EXPECT_EQ(solved.status[r] == 2, converged[r] != 0) << r;
+    EXPECT_EQ(solved.root_flags[r], hit[r]) << r;
+    if (converged[r] == 0) continue;
+    ++compared;
+    same_steps += solved.steps[r] == steps[r];
+    for (size_t i = 0; i < 3; ++i) largest = std::max(largest, std::abs(solved.roots[3 * r + i] - x[3 * r + i]));
+    largest = std::max(largest, std::abs(solved.depths[r] - depths[r]));
+  }
+  std::printf("  %zu golden surface points, %zu with the same number of steps, largest difference %.2e m\n", compared, same_steps, largest);
+  EXPECT_GT(compared, 50u);
+  EXPECT_LE(largest, 5e-5);  // the golden file's own bound for a robust ray
   EXPECT_GE(static_cast<double>(same_steps), 0.9 * static_cast<double>(compared));
 }
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tests/golden.h"
+#include "tests/kernels/reference/matrix_rows.h"
 #include "tests/kernels/reference/finite_differences.h"
 
 namespace arah::reference {
@@ -16,12 +17,6 @@ namespace {
 std::vector<Rgb> triples(const std::vector<double>& numbers) {
   std::vector<Rgb> result(numbers.size() / 3);
   for (std::size_t i = 0; i < numbers.size(); ++i) result[i / 3][i % 3] = numbers[i];
-  return result;
-}
-
-std::vector<double> flat(const std::vector<Rgb>& values) {
-  std::vector<double> result;
-  for (const Rgb& value : values) result.insert(result.end(), value.begin(), value.end());
   return result;
 }
 

@@ -33,4 +33,16 @@ void append(std::vector<double>& numbers, const Matrix<D>& values) {
   for (const auto& values_row : values) append<D>(numbers, values_row);
 }
 
+inline std::vector<Vector<3>> as_rows(const std::vector<double>& values) {
+  std::vector<Vector<3>> rows;
+  for (std::size_t i = 0; i < values.size() / 3; ++i) rows.push_back(row<3>(values, i));
+  return rows;
+}
+
+inline std::vector<double> flat(const std::vector<Vector<3>>& rows) {
+  std::vector<double> values;
+  for (const Vector<3>& values_row : rows) append<3>(values, values_row);
+  return values;
+}
+
 }  // namespace arah::reference
