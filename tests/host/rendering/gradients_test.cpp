@@ -1,6 +1,7 @@
 // Gradients of composited colours with respect to the parameters of every part, in a small configuration with all that
-// the paper's has (mapping network, normals and view as colour inputs, samples around the surface), against differences of
-// the same function.
+// the paper's has (mapping network, an SDF that follows the pose, normals and view as colour inputs, samples around the
+// surface), against differences of the same function. The pose acts by a change of low rank, whose gradients are all written
+// out; the hypernetwork's last layers have theirs in conditioning_test.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -56,10 +57,18 @@ class ColorGradients : public DeviceTest {
   // normal and view as strongly as on the density only with larger weights than the initial ones. b is large enough for
   // differences to be taken across several samples.
   static Avatar changed_avatar(Device& device) {
-    Avatar avatar = capsule_avatar(device, small_paper_spec());
+    AvatarSpec spec = small_paper_spec();
+    spec.sdf.pose = PoseConditioning::low_rank;
+    spec.sdf.pose_width = 16;
+    spec.sdf.pose_hidden_layers = 2;
+    Avatar avatar = capsule_avatar(device, spec);
     std::mt19937_64 generator(11);
     std::normal_distribution<float> normal(0, 0.01f);
     for (float& w : avatar.tensor("mapping.2.W")) w += normal(generator);
+    // Nor does the SDF follow the pose at first.
+    for (const TensorSlot& slot : avatar.layout.slots)
+      if (slot.name.starts_with("low_rank.") && !slot.name.ends_with("V"))
+        for (float& w : avatar.tensor(slot.name)) w += 0.2f * normal(generator);
     for (const char* gain : {"color.0.g", "color.1.g", "color.2.g", "color.3.g"})
       for (float& g : avatar.tensor(gain)) g *= 2.5f;
     avatar.tensor("b")[0] = 0.02f;
@@ -71,7 +80,7 @@ class ColorGradients : public DeviceTest {
     const Camera camera = capsule_camera(45, 53);
     std::vector<uint32_t> pixels;
     for (uint32_t i = 0; i < ray_count; ++i) pixels.push_back((13 + (i * 7) % 19) | (10 + (i * 11) % 31) << 16);
-    networks.record_pack(commands, latent_row_used, {});
+    networks.record_pack(commands, latent_row_used, pose);
     commands.submit_and_wait();
     SurfaceFinder finder(device, networks, ray_count);
     SurfaceHits found_surface = ray_samples.search_surface(commands, frame, camera, pixels, finder, SurfaceFinder::Candidates::in_box);
@@ -121,7 +130,7 @@ class ColorGradients : public DeviceTest {
   // search: correspondences are found anew, as a change of the skinning network asks for.
   double loss(const std::vector<float>& parameters, bool search) {
     device.upload(networks.parameters(), parameters);
-    networks.record_pack(commands, latent_row_used, {});
+    networks.record_pack(commands, latent_row_used, pose);
     if (search) points.solve(commands, frame, rows, targets.slice(), canonical.slice(), sampling().root);
     field.record_forward(commands, inputs());
     record_composite_forward(commands, composite());
@@ -140,7 +149,7 @@ class ColorGradients : public DeviceTest {
   std::vector<float> gradients(const std::vector<float>& parameters, bool search) {
     device.upload(networks.parameters(), parameters);
     commands.fill(networks.gradients(), 0);
-    networks.record_pack(commands, latent_row_used, {});
+    networks.record_pack(commands, latent_row_used, pose);
     if (search) points.solve(commands, frame, rows, targets.slice(), canonical.slice(), sampling().root);
     field.record_forward(commands, inputs());
     record_composite_forward(commands, composite());
@@ -165,6 +174,7 @@ class ColorGradients : public DeviceTest {
 
   static constexpr uint32_t rows = ray_count * samples;
   Avatar avatar;
+  std::vector<float> pose = pose_input(avatar, bent_pose(avatar.body.skeleton));
   AvatarNetworks networks;
   TemplateOnDevice body;
   FrameOnDevice frame;

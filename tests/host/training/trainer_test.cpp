@@ -5,9 +5,11 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numeric>
 #include <set>
 
 #include "host/input_error.h"
@@ -248,6 +250,92 @@ TEST_F(TrainerTest, EveryGroupLearnsOnceItsRateIsNotZero) {
   after = parameters(training);
   EXPECT_EQ(changed(before, after), (std::set<std::string>{"sdf", "mapping", "color", "latent", "deviation", "grid"}))
       << "the skinning network learns every third step";
+}
+
+// An SDF that follows the pose, over steps of several frames and pictures: everything learns, what is continued has the same
+// bits, and the pose's noise is drawn.
+TEST_F(TrainerTest, AnSdfThatFollowsThePoseLearnsAndContinuesBitForBit) {
+  for (const PoseConditioning kind : {PoseConditioning::low_rank, PoseConditioning::hypernetwork}) {
+    SCOPED_TRACE(to_string(kind));
+    AvatarSpec spec = small_spec();
+    spec.sdf.pose = kind;
+    spec.sdf.pose_width = 16;
+    spec.sdf.pose_hidden_layers = 2;
+    Avatar avatar = make_avatar(spec, small_capture(), 3);
+    TrainingSettings settings = small_settings();
+    fit_template(device, avatar, settings);
+    settings.frames_per_step = 2;
+    settings.pictures_per_frame = 2;
+    settings.sdf.freeze = settings.sdf.warm_up = 0;
+    settings.pose_code = settings.hyper = settings.hyper_last = {.rate = 1e-5, .max_norm = 10};
+    settings.low_rank = {.rate = 1e-4};
+    const auto make = [&] { return Trainer(device, small_capture(), avatar, settings); };
+    Trainer whole = make();
+    const std::vector<float> before = parameters(whole);
+    const std::vector<StepReport> reports = train(whole, 4);
+    for (const StepReport& report : reports) {
+      EXPECT_EQ(report.passes, 4u);
+      EXPECT_GT(report.parameters, 0);
+    }
+    const std::vector<float> after = parameters(whole);
+    for (const TensorSlot& slot : avatar.layout.slots) {
+      size_t moved = 0;
+      for (uint64_t i = slot.offset; i < slot.offset + slot.count; ++i) moved += before[i] != after[i];
+      EXPECT_GT(moved, 0u) << slot.name;
+    }
+    Trainer half = make();
+    train(half, 2);
+    Trainer continued = make();
+    continued.resume(half.checkpoint());
+    const std::vector<StepReport> rest = train(continued, 4);
+    expect_same(rest, {reports.begin() + 2, reports.end()});
+    EXPECT_TRUE(same_bits(after, parameters(continued)));
+
+    settings.pose_noise = 0;
+    Trainer quiet = make();
+    EXPECT_FALSE(same_bits(after, (train(quiet, 4), parameters(quiet)))) << "half of the frames have noise in their poses";
+  }
+}
+
+// The shared SDF is what is rendered while the pose changes nothing: zero last layers are the static SIREN.
+TEST_F(TrainerTest, ZeroLastLayersTrainAsTheStaticSdfInTheFirstStep) {
+  TrainingSettings settings = small_settings();
+  settings.parameter_weight = 0;
+  Trainer plain(device, small_capture(), fitted(), settings);
+  const StepReport expected = plain.step(1);
+  for (const PoseConditioning kind : {PoseConditioning::low_rank, PoseConditioning::hypernetwork}) {
+    AvatarSpec spec = small_spec();
+    spec.sdf.pose = kind;
+    spec.sdf.pose_width = 16;
+    spec.sdf.pose_hidden_layers = 1;
+    Avatar avatar = make_avatar(spec, small_capture(), 3);
+    for (const TensorSlot& slot : fitted().layout.slots) std::ranges::copy(fitted().tensor(slot.name), avatar.tensor(slot.name).begin());
+    Trainer posed(device, small_capture(), avatar, settings);
+    EXPECT_EQ(numbers(posed.step(1)), numbers(expected)) << to_string(kind);
+  }
+}
+
+// A step of several pictures is the mean of a step of each.
+TEST_F(TrainerTest, StepsOfSeveralFramesHaveTheMeanOfTheirLosses) {
+  TrainingSettings settings = small_settings();
+  settings.frames_per_step = 8;
+  EXPECT_THROW(Trainer(device, small_capture(), fitted(), settings), InputError) << "there are fewer frames";
+  // Without a step of the parameters, losses of a step of two frames and of steps of one are two samples of the same mean.
+  for (GroupSettings* group : {&settings.sdf, &settings.mapping, &settings.skinning, &settings.color, &settings.latent, &settings.deviation, &settings.grid}) group->freeze = 1000;
+  const auto colors = [&](uint32_t frames, uint32_t pictures, uint64_t count) {
+    settings.frames_per_step = frames;
+    settings.pictures_per_frame = pictures;
+    Trainer training(device, small_capture(), fitted(), settings);
+    std::vector<double> values;
+    for (const StepReport& report : train(training, count)) values.push_back(report.color);
+    return values;
+  };
+  const auto mean = [](const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0) / double(values.size()); };
+  const std::vector<double> one = colors(1, 1, 48), several = colors(2, 2, 12);
+  double variance = 0;
+  for (double value : one) variance += std::pow(value - mean(one), 2) / double(one.size() - 1);
+  std::printf("  colour %.4f ± %.4f of single pictures, %.4f of four together\n", mean(one), std::sqrt(variance / 48), mean(several));
+  EXPECT_NEAR(mean(several), mean(one), 4 * std::sqrt(2 * variance / 48));
 }
 
 TEST_F(TrainerTest, ANumberThatIsNotFiniteStopsTrainingAndNamesTheGroup) {

@@ -31,6 +31,9 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
   object["ray_importance"] = 0.75;  // a share
+  object["pose_noise_probability"] = 0.25;
+  object["frames_per_step"] = 3;  // at most 8
+  object["pictures_per_frame"] = 5;
   object["around_surface"] = 19;  // odd, and with those before it no more than all
   object["before_surface"] = 18;
   ASSERT_GT(next, 1070) << "fields";
