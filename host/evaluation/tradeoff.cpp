@@ -27,7 +27,7 @@ constexpr uint64_t memory_of_errors = 100'000'000;
 constexpr double same_picture = 100;
 
 // Each knob alone, from less to more.
-std::vector<Knobs> single_knobs(const SamplingSettings& exact, bool cooperative_matrices) {
+std::vector<Knobs> single_knobs(const SamplingSettings& exact, const AvatarSpec& spec, bool cooperative_matrices) {
   std::vector<Knobs> all;
   const auto knob = [&](const char* name, std::initializer_list<const char*> values) {
     for (const char* value : values) all.push_back({{name, value}});
@@ -49,6 +49,7 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact, bool cooperative_
   all.push_back({{"sampling_mode", "surface_only"}, {"surface", "mesh"}, {"outline", "1"}});
   knob("distances", {"baked"});
   all.push_back({{"distances", "baked"}, {"bake_cell", "0.012"}});
+  if (spec.sdf.pose != PoseConditioning::none) knob("sdf_by_pose", {"shared"});
   knob("root_tolerance", {"1e-4", "1e-3"});
   knob("root_max_iterations", {"12", "6", "4"});
   knob("root_correspondence", {"search_from_grid", "grid", "grid_alone"});
@@ -107,7 +108,7 @@ class Study {
     result_.repetitions = settings_.repetitions;
     const RenderSettings exact = render_preset(avatar_, "paper");
     const std::string& refusal = cooperative_refusal(device_);
-    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling, refusal.empty());
+    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling, avatar_.spec, refusal.empty());
     if (!settings_.presets_alone && !refusal.empty()) result_.left_out.push_back("arithmetic cooperative_matrix: " + refusal);
     total_ = static_cast<double>(knobs.size() + render_presets().size());
     measure("paper", {}, exact);

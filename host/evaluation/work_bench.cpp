@@ -97,8 +97,14 @@ class Works {
     const Avatar plain = fitted(preset_spec("tiny"), tiny);
     train("training step", fmt::format("preset tiny, {} rays x {} samples", tiny.rays, tiny.sampling.samples), plain, tiny, settings_.warm_up, settings_.steps, settings_.profiled_steps);
 
-    // The parts of the preset paper in the sizes of tiny: 64 samples around surfaces, a code for the SDF, view and normal for
-    // the colour.
+    AvatarSpec by_pose = preset_spec("tiny");
+    by_pose.sdf.pose = PoseConditioning::low_rank;
+    by_pose.sdf.pose_width = 16;
+    by_pose.sdf.pose_hidden_layers = 1;
+    train("step by pose, low rank", "preset tiny, the SDF following the pose by changes of rank 16", fitted(by_pose, tiny), tiny, settings_.warm_up, settings_.steps, settings_.profiled_steps);
+
+    // The parts of the preset paper in the sizes of tiny: 64 samples around surfaces, code and pose for the SDF, view and normal
+    // for the colour.
     TrainingSettings papers = step_settings("paper");
     papers.rays = 128;
     papers.eikonal_points = papers.off_surface_points = papers.inside_points = papers.skinning_points = 256;
@@ -106,6 +112,9 @@ class Works {
     spec.sdf.conditioning = SdfConditioning::latent;
     spec.sdf.mapping_width = 64;
     spec.sdf.mapping_hidden_layers = 2;
+    spec.sdf.pose = PoseConditioning::hypernetwork;
+    spec.sdf.pose_width = 64;
+    spec.sdf.pose_hidden_layers = 2;
     spec.color.skip = 2;
     spec.color.narrow = 32;
     spec.color.view = spec.color.normal = true;
@@ -125,7 +134,7 @@ class Works {
   // Every group steps from the start, as in most of a training.
   TrainingSettings step_settings(const std::string& preset) const {
     TrainingSettings training = preset_settings(preset);
-    for (GroupSettings* group : {&training.sdf, &training.skinning, &training.deviation}) group->freeze = group->warm_up = 0;
+    for (GroupSettings* group : {&training.sdf, &training.skinning, &training.deviation, &training.pose_code, &training.hyper, &training.low_rank, &training.hyper_last}) group->freeze = group->warm_up = 0;
     training.fit_steps = settings_.fit_steps;
     training.fit_skinning_steps = settings_.fit_skinning_steps;
     training.fit_rate = preset_settings("tiny").fit_rate;

@@ -31,7 +31,6 @@ class AvatarNetworks {
   BufferSlice gradients() { return gradients_.slice(); }
   BufferSlice parameter(const std::string& slot) { return slice_of(parameters_, slot); }
   BufferSlice gradient(const std::string& slot) { return slice_of(gradients_, slot); }
-  uint32_t deviation_index() const { return static_cast<uint32_t>(layout_.slot("b").offset); }  // of b's parameter
 
   // The code of a row of `latent`, and its gradient; empty where the spec has none. Rows are padded by the layout only as a
   // whole, so the code is copied to a buffer of its own before the weights are packed.

@@ -70,6 +70,12 @@ const std::vector<Knob>& knobs() {
          s.baked_distances = v == "baked";
        },
        [](const Settings& s) { return Json(s.baked_distances ? "baked" : "network"); }},
+      {"sdf_by_pose",
+       [](Settings& s, const std::string& n, const std::string& v) {
+         if (v != "frame" && v != "shared") throw InputError(n, "", "frame or shared", "'" + v + "'");
+         s.shared_sdf = v == "shared";
+       },
+       [](const Settings& s) { return Json(s.shared_sdf ? "shared" : "frame"); }},
       {"bake_cell", [](Settings& s, const std::string& n, const std::string& v) { s.bake_cell = number(n, v, 0.001, 0.1, false); }, [](const Settings& s) { return Json(s.bake_cell); }},
       {"shell_bound",
        [](Settings& s, const std::string& n, const std::string& v) {
@@ -146,6 +152,7 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   sampling.surface = SurfaceSource::mesh;
   settings.bake_cell = 0.008;  // coarser cells reach farther out, where the network was never taught and has surfaces of its own
   settings.outline = 0.5;
+  settings.shared_sdf = true;  // else each new pose is baked anew
   if (name == "preview") return settings;
   throw InputError("--quality", "", fmt::format("one of {}", fmt::join(render_presets(), ", ")), "'" + name + "'");
 }

@@ -18,7 +18,9 @@ namespace arah {
 //   half_width [0.05]  metres; half_width_b [0]: in units of b if above 0, where that is less
 //   surface [search]  search, mesh: where the surface comes from that the modes surface and surface_only ask for
 //   outline [0]  mesh: drawn this many b farther out
-//   distances [network]  network, baked: of samples; baked ones are interpolated in a grid that is made once for each code
+//   distances [network]  network, baked: of samples; baked ones are interpolated in a grid that is made once for each code and, where the SDF follows it, pose
+//   sdf_by_pose [frame]  frame, shared: where the SDF follows the pose, that of the frame, or the one that all poses share, of
+//     which what is baked stays good for every pose
 //   bake_cell [0.006]  metres between the nodes of that grid, which the mesh is made of too
 //   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
 //   trace_start [box]  box, shell: where sphere tracing begins, the body's box or the template's shell (5.5 cm)
@@ -33,6 +35,7 @@ namespace arah {
 struct RenderSettings {
   std::optional<SamplingSettings> sampling;  // none: picture_sampling of the avatar
   bool baked_distances = false;
+  bool shared_sdf = false;
   double bake_cell = 0.006;  // metres
   double outline = 0;        // in units of b, the scale of the density
   uint32_t color_groups = 0;

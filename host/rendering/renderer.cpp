@@ -108,7 +108,7 @@ Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t lat
 
 Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
   commands_.stage("weights");
-  networks_.record_pack(commands_, latent_row, pose_input(avatar_, pose));
+  networks_.record_pack(commands_, latent_row, settings_.shared_sdf ? std::vector<float>{} : pose_input(avatar_, pose));
   commands_.submit_and_wait();
   FrameOnDevice& frame = posed(pose);
   bake(frame, latent_row);
@@ -144,7 +144,7 @@ FrameOnDevice& Renderer::posed(const Pose& pose) {
   if (frame_ && pose_ == pose) return *frame_;
   frame_.emplace(device_, avatar_, body_, pose, sampling_.shell);
   pose_ = pose;
-  if (avatar_.spec.sdf.pose != PoseConditioning::none) baked_row_.reset();
+  if (avatar_.spec.sdf.pose != PoseConditioning::none && !settings_.shared_sdf) baked_row_.reset();
   if (avatar_.spec.skinning.kind == Skinning::network && sampling_.mode != SamplingMode::surface_only && sampling_.root.correspondence != Correspondence::search) {
     frame_->make_correspondences(device_, sampling_.shell);
     frame_->correspondences()->solve(commands_, samples_->root_finder(), *frame_, sampling_.root);

@@ -41,8 +41,7 @@ bool ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.samples.metres_per_unit = static_cast<float>(networks_.cube().metres_per_unit());
   composite.samples.points = placed.canonical();
   composite.samples.deltas = placed.deltas();
-  composite.samples.parameters = networks_.parameters();
-  composite.samples.scale_index = networks_.deviation_index();
+  composite.samples.parameters = networks_.parameter("b");
   composite.delta_mode = placed.delta_mode();
   composite.depths = placed.depths();
   composite.colors = colors();

@@ -416,7 +416,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   back.d_colors = room_.d_colors.slice();
   back.d_sdf = field.d_sdf();
   back.d_rgb = field.d_rgb();
-  back.gradients = networks_.gradients();
+  back.gradients = networks_.gradient("b");
   back.partials = room_.partials.slice();
   field.record_clear_cotangents(commands_, room_.shaded.queue().shaded());
   record_composite_backward(commands_, back);

@@ -144,5 +144,30 @@ TEST_F(BakedSurface, KeepsWhatBelongsToPoseAndCode) {
   }
 }
 
+// Where the SDF follows the pose, what is baked belongs to the pose too, unless the SDF that all poses share will do.
+TEST_F(BakedSurface, BelongsToThePoseThatTheSdfFollows) {
+  Avatar avatar = capsule_avatar(device, following_the_pose(small_paper_spec()));
+  let_the_pose_show(avatar, 2e-3f, generator);
+  const Pose bent = bent_pose(avatar.body.skeleton), rest = rest_pose(avatar.body.skeleton);
+  const Camera camera = capsule_camera(33, 39);
+  for (const char* quality : {"paper", "balanced", "preview"}) {
+    RenderSettings settings = render_preset(avatar, quality);
+    set_render_knob(settings, "bake_cell", "0.02");
+    std::vector<std::vector<float>> pictures;
+    for (const char* sdf : {"frame", "shared"}) {
+      set_render_knob(settings, "sdf_by_pose", sdf);
+      const auto fresh = [&](const Pose& pose) { return Renderer(device, avatar, settings).render(camera, pose, 0).color; };
+      Renderer renderer(device, avatar, settings);
+      EXPECT_EQ(renderer.render(camera, bent, 0).color, fresh(bent)) << quality;
+      pictures.push_back(fresh(rest));
+      EXPECT_EQ(renderer.render(camera, rest, 0).color, pictures.back()) << quality << ", another pose";
+      renderer.reset_work();
+      renderer.render(camera, bent, 0);
+      EXPECT_EQ(renderer.work().baking_seconds > 0, std::string(sdf) == "frame" && std::string(quality) != "paper") << quality << ", " << sdf;
+    }
+    EXPECT_NE(pictures[0], pictures[1]) << quality << ": the pose makes no difference: the test shows less than it should";
+  }
+}
+
 }  // namespace
 }  // namespace arah

@@ -92,6 +92,22 @@ inline AvatarSpec small_paper_spec() {
   return spec;
 }
 
+// With an SDF that follows the pose, by changes of low rank.
+inline AvatarSpec following_the_pose(AvatarSpec spec) {
+  spec.sdf.pose = PoseConditioning::low_rank;
+  spec.sdf.pose_width = 16;
+  spec.sdf.pose_hidden_layers = 2;
+  return spec;
+}
+
+// The change begins at zero; from here on the pose shows.
+inline void let_the_pose_show(Avatar& avatar, float deviation, std::mt19937_64& generator) {
+  std::normal_distribution<float> normal(0, deviation);
+  for (const TensorSlot& slot : avatar.layout.slots)
+    if (slot.name.starts_with("low_rank.") && !slot.name.ends_with("V"))
+      for (float& w : avatar.tensor(slot.name)) w += normal(generator);
+}
+
 // Fitted to the capsule.
 inline Avatar capsule_avatar(Device& device, const AvatarSpec& spec) {
   const BodyTemplate body = capsule_body();

@@ -57,18 +57,11 @@ class ColorGradients : public DeviceTest {
   // normal and view as strongly as on the density only with larger weights than the initial ones. b is large enough for
   // differences to be taken across several samples.
   static Avatar changed_avatar(Device& device) {
-    AvatarSpec spec = small_paper_spec();
-    spec.sdf.pose = PoseConditioning::low_rank;
-    spec.sdf.pose_width = 16;
-    spec.sdf.pose_hidden_layers = 2;
-    Avatar avatar = capsule_avatar(device, spec);
+    Avatar avatar = capsule_avatar(device, following_the_pose(small_paper_spec()));
     std::mt19937_64 generator(11);
     std::normal_distribution<float> normal(0, 0.01f);
     for (float& w : avatar.tensor("mapping.2.W")) w += normal(generator);
-    // Nor does the SDF follow the pose at first.
-    for (const TensorSlot& slot : avatar.layout.slots)
-      if (slot.name.starts_with("low_rank.") && !slot.name.ends_with("V"))
-        for (float& w : avatar.tensor(slot.name)) w += 0.2f * normal(generator);
+    let_the_pose_show(avatar, 2e-3f, generator);
     for (const char* gain : {"color.0.g", "color.1.g", "color.2.g", "color.3.g"})
       for (float& g : avatar.tensor(gain)) g *= 2.5f;
     avatar.tensor("b")[0] = 0.02f;
@@ -116,8 +109,7 @@ class ColorGradients : public DeviceTest {
     args.samples.rgb = field.rgb();
     args.samples.points = canonical.slice();
     args.samples.deltas = ray_samples.deltas();
-    args.samples.parameters = networks.parameters();
-    args.samples.scale_index = networks.deviation_index();
+    args.samples.parameters = networks.parameter("b");
     args.delta_mode = ray_samples.delta_mode();
     args.depths = ray_samples.depths();
     args.colors = colors.slice();
@@ -160,7 +152,7 @@ class ColorGradients : public DeviceTest {
     back.d_colors = d_colors.slice();
     back.d_sdf = field.d_sdf();
     back.d_rgb = field.d_rgb();
-    back.gradients = networks.gradients();
+    back.gradients = networks.gradient("b");
     back.partials = partials.slice();
     record_composite_backward(commands, back);
     Field::Backward options;
