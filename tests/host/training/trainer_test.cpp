@@ -12,6 +12,7 @@
 #include <numeric>
 #include <set>
 
+#include "host/avatar/spec_choice.h"
 #include "host/input_error.h"
 #include "tests/host/training/training_scene.h"
 
@@ -336,6 +337,31 @@ TEST_F(TrainerTest, StepsOfSeveralFramesHaveTheMeanOfTheirLosses) {
   for (double value : one) variance += std::pow(value - mean(one), 2) / double(one.size() - 1);
   std::printf("  colour %.4f ± %.4f of single pictures, %.4f of four together\n", mean(one), std::sqrt(variance / 48), mean(several));
   EXPECT_NEAR(mean(several), mean(one), 4 * std::sqrt(2 * variance / 48));
+}
+
+// What the capture's choice makes of one camera trains: without the view direction, which one camera shows one of a point.
+TEST_F(TrainerTest, OneCameraIsEnough) {
+  Capture capture = small_capture();
+  bool first = true;
+  for (Camera& camera : capture.cameras) {
+    if (camera.role == "train" && !first) camera.role = "test";
+    if (camera.role == "train") first = false;
+  }
+  const CaptureFacts facts = capture_facts(capture);
+  ASSERT_EQ(facts.training_cameras, 1u);
+  AvatarSpec spec = choose_spec("tiny", facts).spec;
+  EXPECT_FALSE(spec.color.view);
+  spec.skinning.width = spec.sdf.width = spec.color.width = 24;
+  Avatar avatar = make_avatar(spec, capture, 3);
+  TrainingSettings settings = small_settings();
+  settings.sdf.freeze = 0;
+  fit_template(device, avatar, settings);
+  Trainer training(device, capture, avatar, settings);
+  std::vector<double> colors;
+  for (uint64_t left = 60; left > 0; --left) colors.push_back(training.step(left).color);
+  const auto mean = [&](size_t from) { return std::accumulate(colors.begin() + std::ptrdiff_t(from), colors.begin() + std::ptrdiff_t(from + 15), 0.0) / 15; };
+  std::printf("  colour %.3f at first, %.3f at last\n", mean(0), mean(45));
+  EXPECT_LT(mean(45), 0.8 * mean(0));
 }
 
 TEST_F(TrainerTest, ANumberThatIsNotFiniteStopsTrainingAndNamesTheGroup) {
