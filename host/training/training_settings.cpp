@@ -71,6 +71,11 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("latent", s.latent);
   visit("deviation", s.deviation);
   visit("grid", s.grid);
+  visit("pose_refinement", s.pose_refinement);
+  visit("poses", s.poses);
+  visit("shell_drift", s.shell_drift);
+  visit("disturb_degrees", s.disturb_degrees);
+  visit("disturb_metres", s.disturb_metres);
   visit("end_fraction", s.end_fraction);
   visit("average_decay", s.average_decay);
   visit("checkpoint_minutes", s.checkpoint_minutes);
@@ -141,6 +146,11 @@ struct Reader {
 
 }  // namespace
 
+void search_for_refinement(TrainingSettings& settings) {
+  Correspondence& from = settings.sampling.root.correspondence;
+  if (settings.pose_refinement && (from == Correspondence::grid || from == Correspondence::grid_alone)) from = Correspondence::search_from_grid;
+}
+
 TrainingSettings preset_settings(const std::string& preset) {
   TrainingSettings s;
   s.preset = preset;
@@ -204,6 +214,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
   // Above, one ray's weight could be more than ten times another's.
   if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
+  if (!(settings.shell_drift >= 0 && settings.disturb_degrees >= 0 && settings.disturb_metres >= 0))
+    throw InputError(where, "shell_drift, disturb_degrees, disturb_metres", "numbers of at least 0", fmt::format("{}, {}, {}", settings.shell_drift, settings.disturb_degrees, settings.disturb_metres));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
   if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;

@@ -46,6 +46,17 @@ struct TrainingSettings {
   uint32_t skinning_every = 8;  // steps: the skinning network learns from colours and from the template every so often; 0: never
 
   GroupSettings sdf, mapping, skinning, color, latent, deviation, grid;
+
+  // Whether the training frames' poses are corrected by what the pictures say (pose_refinement.h). The correspondences of samples
+  // must then be searched, if from a grid: between the nodes of a grid that was solved for one pose no other can be seen.
+  bool pose_refinement = false;
+  // Of each frame's rotations and root position, radians and metres, by the frame's own steps. Weight decay draws them back to
+  // where they began.
+  GroupSettings poses = {.rate = 1e-4};
+  double shell_drift = 0.01;  // metres that a vertex may move before the frame's shell follows its pose
+  // For studies of refinement: poses are disturbed before training (disturbed_pose()). 0: as the capture has them.
+  double disturb_degrees = 0, disturb_metres = 0;
+
   double end_fraction = 0.03;     // of each rate, at the end
   double average_decay = 0.995;   // of the moving average that renders; 0: none
   double checkpoint_minutes = 2;  // between checkpoints
@@ -56,6 +67,9 @@ struct TrainingSettings {
   double fit_skinning_rate = 5e-3;  // of the skinning network, under the cross entropy
   double clothing = 0.01;         // metres that the start lies outside the template
 };
+
+// Where poses are to be refined and correspondences would come from grids alone, they begin their searches there instead.
+void search_for_refinement(TrainingSettings& settings);
 
 // "tiny", "compact" or "paper". Throws InputError naming the presets for another word.
 TrainingSettings preset_settings(const std::string& preset);
