@@ -166,6 +166,7 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.latent = {.rate = 1e-3};
   s.deviation = {.rate = 1e-4, .freeze = 200};  // else b shrinks to a tenth while the shape cannot follow
   s.grid = {.rate = 1e-2};
+  s.poses = {.rate = 1e-3, .freeze = 200};  // a frame has its turn some hundred times; at first colours say nothing about poses
   if (preset == "tiny") return s;
   if (preset == "compact") {
     s.sdf.rate = 1e-4;
@@ -189,6 +190,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.sdf = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
     s.skinning = s.color = {.rate = 1e-4};  // b stays frozen at first as in the others: 1e-4 m a step takes its 1 mm to 0 in ten
     s.latent = {.rate = 1e-4, .weight_decay = 0.05};
+    s.poses = {.rate = 1e-4};
     s.end_fraction = 1;
     s.fit_rate = 2e-4;
     s.minutes = 600;
