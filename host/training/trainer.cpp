@@ -412,7 +412,7 @@ StepReport Trainer::step(uint64_t steps_left) {
     room_.skinning->set_surface(template_samples_.surface, generator);
   }
 
-  pose_step_ = refinement_ && rate_factor(settings_.poses, settings_, steps_, done_) > 0;
+  pose_step_ = refinement_ && steps_ % settings_.poses_every == 0 && rate_factor(settings_.poses, settings_, steps_, done_) > 0;
   if (pose_step_) room_.pose_gradient->record_clear(commands_);
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);

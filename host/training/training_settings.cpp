@@ -73,6 +73,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("grid", s.grid);
   visit("pose_refinement", s.pose_refinement);
   visit("poses", s.poses);
+  visit("poses_every", s.poses_every);
   visit("shell_drift", s.shell_drift);
   visit("disturb_degrees", s.disturb_degrees);
   visit("disturb_metres", s.disturb_metres);
@@ -166,7 +167,8 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.latent = {.rate = 1e-3};
   s.deviation = {.rate = 1e-4, .freeze = 200};  // else b shrinks to a tenth while the shape cannot follow
   s.grid = {.rate = 1e-2};
-  s.poses = {.rate = 1e-3, .freeze = 200};  // a frame has its turn some hundred times; at first colours say nothing about poses
+  s.poses = {.rate = 2e-3, .freeze = 200};  // a frame has its turn some ten times; at first colours say nothing about poses
+  s.poses_every = 4;                        // every other one is a step in which the skinning network learns from colours
   if (preset == "tiny") return s;
   if (preset == "compact") {
     s.sdf.rate = 1e-4;
@@ -191,6 +193,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.skinning = s.color = {.rate = 1e-4};  // b stays frozen at first as in the others: 1e-4 m a step takes its 1 mm to 0 in ten
     s.latent = {.rate = 1e-4, .weight_decay = 0.05};
     s.poses = {.rate = 1e-4};
+    s.poses_every = 1;
     s.end_fraction = 1;
     s.fit_rate = 2e-4;
     s.minutes = 600;
@@ -216,6 +219,7 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
   // Above, one ray's weight could be more than ten times another's.
   if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
+  if (settings.poses_every == 0) throw InputError(where, "poses_every", "at least 1", "0");
   if (!(settings.shell_drift >= 0 && settings.disturb_degrees >= 0 && settings.disturb_metres >= 0))
     throw InputError(where, "shell_drift, disturb_degrees, disturb_metres", "numbers of at least 0", fmt::format("{}, {}, {}", settings.shell_drift, settings.disturb_degrees, settings.disturb_metres));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));

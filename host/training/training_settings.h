@@ -53,6 +53,7 @@ struct TrainingSettings {
   // Of each frame's rotations and root position, radians and metres, by the frame's own steps. Weight decay draws them back to
   // where they began.
   GroupSettings poses = {.rate = 1e-4};
+  uint32_t poses_every = 1;  // steps between two that move a pose: they cost more, except where the skinning network learns from colours too
   double shell_drift = 0.01;  // metres that a vertex may move before the frame's shell follows its pose
   // For studies of refinement: poses are disturbed before training (disturbed_pose()). 0: as the capture has them.
   double disturb_degrees = 0, disturb_metres = 0;
