@@ -135,7 +135,9 @@ uint32_t Trainer::planned_rays() {
   };
   // Under a ceiling all frames come first, so that what is left for a pass is known; else each is made when a step asks for it.
   if (device_.memory_ceiling()) images_.make_frames(with_grids(), device_.bytes_of([&] { make(std::min(settings_.rays, point_padding)); }));
-  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_), 0, make);
+  // The shell of another pose may need more room than the one that it replaces.
+  const uint64_t for_shells = settings_.pose_refinement ? images_.frame_bytes() / 8 : 0;
+  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_), for_shells, make);
 }
 
 std::vector<size_t> Trainer::pictured_frames() const {

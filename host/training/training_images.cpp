@@ -64,6 +64,13 @@ void TrainingImages::make_frames(bool correspondences, uint64_t besides) {
   }
 }
 
+uint64_t TrainingImages::frame_bytes() const {
+  uint64_t bytes = 0;
+  for (const auto& frame_made : frames_)
+    if (frame_made) bytes += frame_made->bytes();
+  return bytes;
+}
+
 const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finder, const Place& place) {
   const auto [slot, made] = images_.try_emplace({place.camera, place.frame});
   TrainingImage& image = slot->second;

@@ -48,6 +48,7 @@ class TrainingImages {
   // All frames that have a picture, with room for their correspondences where wanted. Throws MemoryCeilingError where the
   // device's ceiling leaves too little for them, all as large as the first, and for `besides` bytes.
   void make_frames(bool correspondences, uint64_t besides);
+  uint64_t frame_bytes() const;  // of all frames made so far
   // `finder` lends its ray buffers for the test of which rays enter the shell. Submits where the picture is new.
   const TrainingImage& image(Commands& commands, RaySamples& finder, const Place& place);
   const Camera& camera(size_t index) const { return cameras_[index]; }

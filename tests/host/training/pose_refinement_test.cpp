@@ -156,19 +156,19 @@ TEST_F(PoseRefinementTest, DisturbedPosesComeCloserAndExactOnesStay) {
     }
     settings.pose_refinement = true;
     for (GroupSettings* group : {&settings.sdf, &settings.mapping, &settings.color, &settings.latent, &settings.deviation, &settings.grid}) group->freeze = 1u << 30;
-    const auto refine = [&](double rate, double degrees, double metres) {
+    const auto refine = [&](double rate, uint64_t steps, double degrees, double metres) {
       settings.poses = {.rate = rate};
       settings.disturb_degrees = degrees, settings.disturb_metres = metres;
       Trainer trainer(device, small_capture(), avatar, settings);
-      for (uint64_t step = 0; step < 200; ++step) trainer.step(200 - step);
+      for (uint64_t step = 0; step < steps; ++step) trainer.step(steps - step);
       const PoseImprovement found = improvement(trainer);
       std::printf("  %s\n", describe(found).c_str());
       return found;
     };
-    const PoseImprovement disturbed = refine(2e-3, 3, 0.01);
+    const PoseImprovement disturbed = refine(2e-3, 200, 3, 0.01);
     EXPECT_LT(disturbed.after.joints, 0.5 * disturbed.before.joints);
     if (skinning == Skinning::template_weights) continue;
-    const PoseImprovement exact = refine(2e-3, 0, 0), slow = refine(1e-4, 0, 0);
+    const PoseImprovement exact = refine(2e-3, 200, 0, 0), slow = refine(1e-4, 120, 0, 0);
     EXPECT_EQ(exact.before.joints, 0);
     EXPECT_LT(exact.after.joints, 0.3 * disturbed.before.joints);
     EXPECT_LT(slow.after.rotations, 0.1 * degree);
