@@ -156,6 +156,7 @@ std::string describe(const Avatar& avatar) {
         *std::min_element(avatar.latent_frames.begin(), avatar.latent_frames.end()),
         *std::max_element(avatar.latent_frames.begin(), avatar.latent_frames.end()), spec.latent_size);
   }
+  if (!avatar.refined.empty()) say("  refined poses: {} frames", avatar.refined.frames.size());
   say("  density scale b: {:.3g} mm", 1e3 * static_cast<double>(avatar.tensor("b")[0]));
   std::vector<std::string> sizes;
   for (const ParameterGroup& group : avatar.layout.groups) {

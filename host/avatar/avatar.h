@@ -8,6 +8,7 @@
 #include "host/avatar/avatar_spec.h"
 #include "host/avatar/grid_extent.h"
 #include "host/avatar/parameter_layout.h"
+#include "host/avatar/refined_poses.h"
 #include "host/body/body_template.h"
 #include "host/body/canonical.h"
 #include "host/body/pose.h"
@@ -25,6 +26,7 @@ struct Avatar {
   GridExtent grid;                 // no levels where the spec has no grid
   ParameterLayout layout;
   std::vector<float> parameters;  // [layout.floats]
+  RefinedPoses refined;           // of training frames
 
   uint64_t seed = 0;               // of the initial parameters and of training
   uint64_t steps = 0;              // trained so far

@@ -191,6 +191,7 @@ SafetensorsFile avatar_tensors(const Avatar& avatar) {
   }
   file.tensors[kCanonical] =
       Tensor::from<double>({static_cast<int64_t>(avatar.canonical.rest_to_canonical.size()), 4, 4}, canonical);
+  put_refined_poses(file, avatar.refined);
 
   nlohmann::json nodes = nlohmann::json::array();
   for (const glm::uvec3& level : avatar.grid.nodes) nodes.push_back(list(level));
@@ -234,6 +235,7 @@ Avatar avatar_from_tensors(const SafetensorsFile& file) {
   avatar.grid = read_grid(metadata, avatar.spec);
   avatar.body = read_template(file, where);
   avatar.canonical = read_canonical(file, avatar.body.skeleton.size(), where);
+  avatar.refined = read_refined_poses(file, avatar.body.skeleton.size());
   avatar.layout = make_parameter_layout(avatar.spec, avatar.body.skeleton, avatar.latent_frames.size(), avatar.grid);
   avatar.parameters = read_parameters(file, avatar.layout, where);
   try {

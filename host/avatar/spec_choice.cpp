@@ -70,7 +70,7 @@ CaptureFacts capture_facts(const Capture& capture) {
 }
 
 SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
-  SpecChoice choice{preset_spec(preset), {}};
+  SpecChoice choice{preset_spec(preset), false, {}};
   AvatarSpec& spec = choice.spec;
   const auto say = [&](const std::string& part, const std::string& chosen, const std::string& reason) {
     choice.reasons.push_back(fmt::format("{}: {}, because {}", part, chosen, reason));
@@ -136,9 +136,11 @@ SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
   say("colour feature grid",
       spec.grid_cells.empty() ? "off" : fmt::format("cells of {} m", fmt::join(spec.grid_cells, " and ")),
       spec.grid_cells.empty() ? preset_has_none : preset_has_it);
-  say("pose refinement", "off",
-      facts.exact_poses ? "the capture states that its poses are exact"
-                        : "this version trains on the poses as they are given");
+  choice.pose_refinement = !facts.exact_poses && spec.skinning.kind != Skinning::none;
+  say("pose refinement", choice.pose_refinement ? "on" : "off",
+      choice.pose_refinement ? "the capture does not state that its poses are exact"
+      : facts.exact_poses    ? "the capture states that its poses are exact"
+                             : "there is one pose, which is the canonical one");
   validate_spec(spec, "chosen spec");
   return choice;
 }

@@ -27,6 +27,7 @@ CaptureFacts capture_facts(const Capture& capture);
 
 struct SpecChoice {
   AvatarSpec spec;
+  bool pose_refinement = false;      // TrainingSettings::pose_refinement
   std::vector<std::string> reasons;  // one line a part: "part: choice, because ..."
 };
 

@@ -84,6 +84,8 @@ void train(Device& device, const Options& options, const Capture& capture, const
   TrainingSettings settings = preset_settings("tiny");
   settings.minutes = options.minutes;
   const SpecChoice choice = choose_spec(settings.preset, capture_facts(capture));
+  settings.pose_refinement = choice.pose_refinement;
+  search_for_refinement(settings);
   for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
   TrainingProgress progress(device, fmt::format("{:g} minutes", options.minutes));
   const Interrupt interrupt;

@@ -73,7 +73,7 @@ View chosen_view(const Options& options, const Avatar& avatar) {
         adapt_motion(motion_of(capture, options.split), avatar.body.skeleton, options.capture.string());
     const MotionFrame& frame =
         chosen_frame(motion, options.frame, fmt::format("{}: split {}", options.capture.string(), options.split));
-    view.pose = frame.pose;
+    view.pose = pose_to_render(avatar.refined, options.split, frame);
     if (options.split == "train") frame_number = frame.number;
     if (!options.camera.empty()) {
       camera = capture.cameras[camera_index(capture, options.camera)];

@@ -22,6 +22,7 @@ struct Options {
   std::optional<int> size;
   std::optional<double> minutes;
   std::optional<uint64_t> steps, seed;
+  std::vector<double> disturb;               // degrees, metres
   std::vector<std::string> settings, model;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
 };
@@ -68,14 +69,17 @@ RunConfig resolve(const Options& options, const Capture& capture) {
     const SpecChoice choice = choose_spec(preset, capture_facts(capture));
     for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
     config = make_run_config(capture, preset_settings(preset), with_model(choice.spec, options.model));
+    config.settings.pose_refinement = choice.pose_refinement;
   }
   TrainingSettings& settings = config.settings;
   if (options.size) settings.size = *options.size;
   if (options.seed) settings.seed = *options.seed;
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
+  if (!options.disturb.empty()) settings.disturb_degrees = options.disturb[0], settings.disturb_metres = options.disturb[1];
   for (const std::string& assignment : options.settings)
     settings = settings_from_json(with_field(settings_to_json(settings), assignment, "--set", "fit_steps=200"), "--set");
+  search_for_refinement(settings);
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
       throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),
@@ -132,6 +136,10 @@ void add_train_command(CLI::App& program, Run& run) {
   command->add_option("--model", options->model, "NAME=VALUE: any part or size of the avatar, as config.json's spec names it (sdf.width=96), instead of what the capture suggests; may be repeated, and those that go together are checked together")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_option("--disturb-poses", options->disturb, "DEGREES,METRES: for studies of pose refinement, train from poses whose joints are turned and whose root is moved at random by so much (standard deviation)")
+      ->delimiter(',')
+      ->expected(2)
+      ->check(CLI::Range(0.0, 360.0));
   command->add_option("--keep", options->run.keep_minutes, "minutes, with commas between, after which the avatar is also kept, for arah curve: RUN/kept/minutes_5.safetensors")
       ->delimiter(',')
       ->check(CLI::Range(0.01, 1e6));

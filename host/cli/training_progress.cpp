@@ -66,6 +66,7 @@ void TrainingProgress::show(const RunEvent& event) {
 void TrainingProgress::finish(const RunResult& result) {
   if (steps_)
     steps_->finish(fmt::format("{} steps  loss {:.4f}  {}  {}", result.steps, last_.total, shaders_text(device_), result.avatar.string()));
+  if (!result.poses.empty()) fmt::print(stderr, "{}\n", result.poses);
 }
 
 }  // namespace arah

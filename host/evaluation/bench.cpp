@@ -15,6 +15,7 @@
 #include "host/input_error.h"
 #include "kernels/linear/cooperative.h"
 #include "kernels/linear/linear.h"
+#include "kernels/skinning/bone_gradient.h"
 #include "kernels/skinning/implicit_joint_cotangent.h"
 #include "shaders/shared/frame.h"
 #include "shaders/shared/ray.h"
@@ -179,7 +180,7 @@ class Bench {
   }
 
   // The other family of the linear layer, the straight one's kernel for wide layers, what cooperative matrices need and, where
-  // the device has them, their kernel, and the cotangents that only surface rendering needs.
+  // the device has them, their kernel, the cotangents that only surface rendering needs, and the gradient of the bones.
   void kernels_without_work() {
     start("kernels of no work");
     const uint32_t points = std::min(settings_.points, 16384u);
@@ -214,6 +215,20 @@ class Bench {
     measure_alone(fmt::format("{} rays", points), [&] {
       record_implicit_joint_cotangent(commands_, {points, frame.slice(), rays.slice(), {gradients.slice(), channel_padding, 0}, jacobians.slice(), vectors.slice(), vectors.slice(),
                                                   cotangents.slice(), {sdf_cotangents.slice(), channel_padding, 0}, singular.slice()});
+    });
+
+    constexpr uint32_t joints = 24;
+    Buffer weights = filled("skinning weights", rows * joints), partials(device_, "bench partial sums", bone_gradient_partials(points, joints), BufferPlace::device), bones = filled("bones", 12 * joints);
+    measure_alone(fmt::format("{} points, {} joints", points, joints), [&] {
+      BoneGradientArgs args;
+      args.rows = {{points, {}}, {}};
+      args.joints = joints;
+      args.cotangents = cotangents.slice();
+      args.canonical = vectors.slice();
+      args.weights = {weights.slice(), joints, 0};
+      args.partials = partials.slice();
+      args.gradients = bones.slice();
+      record_bone_gradient(commands_, args);
     });
   }
 

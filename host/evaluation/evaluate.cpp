@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numbers>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -113,8 +114,10 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
     const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
     const Camera& stored = capture.cameras[place.camera];
     const Camera camera = settings.size > 0 ? stored.scaled(settings.size) : stored;
-    const Pose& pose = find_frame(motion, place.frame)->pose;
-    const PixelMask mask = projected_box_mask(camera, posed_vertices(avatar.body, pose));
+    // The region is the capture's, so that avatars are measured on the same pixels whether they refined its poses or not.
+    const MotionFrame& frame = *find_frame(motion, place.frame);
+    const Pose& pose = pose_to_render(avatar.refined, settings.split, frame);
+    const PixelMask mask = projected_box_mask(camera, posed_vertices(avatar.body, frame.pose));
     if (std::find(mask.inside.begin(), mask.inside.end(), 1) == mask.inside.end())
       throw InputError(image_path(capture, settings.split, place.camera, place.frame).string(), "",
                        "the posed template in view", "nothing of it",
@@ -152,6 +155,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   result.lpips = mean_of_finite(distances);
   result.root_finding = renderer.root_finder().counts();
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start - lpips_time).count();
+  if (!avatar.refined.empty() && capture.motions.contains("train")) result.poses = pose_improvement(avatar.refined, avatar.body.skeleton, motion_of(capture, "train"));
   return result;
 }
 
@@ -197,6 +201,10 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
       {"seconds", evaluation.seconds},
       {"surface", surface},
   };
+  if (evaluation.poses) {
+    const auto distance = [](const PoseDistance& d) { return ordered_json{{"joints_mm", 1000 * d.joints}, {"rotations_degrees", d.rotations * 180 / std::numbers::pi}}; };
+    json["poses"] = {{"frames", evaluation.poses->after.frames}, {"before", distance(evaluation.poses->before)}, {"after", distance(evaluation.poses->after)}};
+  }
   if (!evaluation.settings.lpips.empty()) json["lpips_network"] = evaluation.settings.lpips.string();
   return json.dump(1) + "\n";
 }
@@ -231,7 +239,7 @@ std::string describe(const Evaluation& evaluation) {
                      evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
                      evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined",
                      evaluation.lpips ? fmt::format(", LPIPS {:.4f}", *evaluation.lpips) : "", evaluation.rows.size()) +
-         (evaluation.surface.empty() ? "" : "; " + describe(evaluation.surface));
+         (evaluation.surface.empty() ? "" : "; " + describe(evaluation.surface)) + (evaluation.poses ? "; " + describe(*evaluation.poses) : "");
 }
 
 }  // namespace arah

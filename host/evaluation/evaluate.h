@@ -39,6 +39,7 @@ struct Evaluation {
   RootFindingCounts root_finding;
   double seconds = 0;  // of rendering
   std::vector<SurfaceError> surface;  // where it was measured; evaluate() leaves it empty
+  std::optional<PoseImprovement> poses;  // of an avatar with refined poses: their distance from the capture's training poses
 };
 
 // The pictures that the settings choose, by frame, then camera. Throws InputError as evaluate does.
@@ -47,6 +48,7 @@ std::vector<EvaluationPlace> evaluation_places(const Avatar& avatar, const Captu
 // [pixels][3] on black of a picture's RGBA, which is premultiplied.
 std::vector<float> rgb_on_black(const Image& image);
 
+// A training frame is rendered in its refined pose where the avatar has one, others in the capture's.
 // PSNR over the pixels of the projected box of the posed template ± 5 cm, photographs on black; SSIM on that region's
 // bounding rectangle, data range 1; LPIPS on that rectangle too, where wanted; no 8-bit rounding. A frame without a latent code of its own takes the last one.
 // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
@@ -57,7 +59,8 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                     const std::function<bool(double)>& progress = {});
 
 // {"mean": {"psnr", "ssim", "lpips"}, "images": [{"frame", "camera", "psnr", "ssim", "lpips"}], "lpips_network", "split", "protocol", "avatar", "capture",
-// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm"}]}; what is not
+// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm"}], "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
+// "after"} with refined poses}; what is not
 // defined, such as the PSNR of identical pictures, is null, and "lpips" and "lpips_network" are there only where it was measured. avatar_path: as the user knows it.
 std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,
                             const Capture& capture, const Device& device);

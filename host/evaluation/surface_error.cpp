@@ -100,16 +100,17 @@ std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, c
   for (const auto& [frame, path] : frames) {
     if (progress) progress(double(errors.size()) / double(frames.size()));
     const size_t row = avatar.spec.latent_size > 0 ? latent_row(avatar, frame->number) : 0;
+    const Pose& pose = pose_to_render(avatar.refined, split, *frame);
     if (!mesh || by_pose || (mesh_row != row && avatar.spec.sdf.conditioning != SdfConditioning::none)) {
-      networks.record_pack(commands, row, pose_input(avatar, frame->pose));
+      networks.record_pack(commands, row, pose_input(avatar, pose));
       commands.submit_and_wait();
-      FrameOnDevice posed(device, avatar, body, frame->pose, {});
+      FrameOnDevice posed(device, avatar, body, pose, {});
       baked.bake(commands, field, posed.constants());
       mesh.emplace(device, commands, networks, avatar, baked.samples(), posed.constants());
       mesh_row = row;
     }
     std::vector<glm::dvec3> vertices;
-    for (const glm::vec3& p : mesh->posed(frame->pose)) vertices.emplace_back(p);
+    for (const glm::vec3& p : mesh->posed(pose)) vertices.emplace_back(p);
     const MeshDistance avatar_surface(vertices, mesh->canonical().triangles);
     std::vector<double> distances;
     for (const glm::dvec3& p : true_surface(path)) distances.push_back(glm::distance(avatar_surface.closest(p).position, p));

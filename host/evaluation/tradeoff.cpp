@@ -146,10 +146,11 @@ class Study {
       View view;
       const Camera& stored = capture.cameras[place.camera];
       view.camera = settings.size > 0 ? stored.scaled(settings.size) : stored;
-      view.pose = find_frame(motion, place.frame)->pose;
+      const MotionFrame& frame = *find_frame(motion, place.frame);
+      view.pose = pose_to_render(avatar.refined, settings.split, frame);
       view.latent_row = avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0;
       view.photograph = rgb_on_black(load_image(capture, settings.split, place.camera, place.frame, settings.size));
-      view.mask = projected_box_mask(view.camera, posed_vertices(avatar.body, view.pose));
+      view.mask = projected_box_mask(view.camera, posed_vertices(avatar.body, frame.pose));
       view.name = stored.name;
       view.frame = place.frame;
       views.push_back(std::move(view));

@@ -203,6 +203,11 @@ void AvatarNetworks::record_unpack_shared_sdf(Commands& commands) {
   if (pose_networks_) pose_networks_->record_shared_backward(commands);
 }
 
+std::vector<float> AvatarNetworks::download_pose_gradient(Device& device) {
+  if (!pose_networks_) return {};
+  return device.download<float>(pose_networks_->pose_gradient().elements(0, kPoseChannels * pose_networks_->shape().joints()));
+}
+
 uint64_t AvatarNetworks::unpack_scratch() const { return mapping_ ? mapping_->weight_gradient_scratch(1) : 64; }
 
 }  // namespace arah

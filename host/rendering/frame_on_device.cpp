@@ -38,7 +38,7 @@ TemplateOnDevice::TemplateOnDevice(Device& device, const BodyTemplate& body) {
   weights_ = uploaded(device, "template weights", weights);
 }
 
-FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDevice& body, const Pose& pose, const ShellSettings& shell) {
+std::vector<glm::dvec3> FrameOnDevice::take_pose(Device& device, const Avatar& avatar, const Pose& pose) {
   const std::vector<glm::dmat4> bones = bone_transforms(avatar.body.skeleton, avatar.canonical, pose);
   const glm::dvec3 t = arah::root_translation(avatar.body.skeleton, pose);
 
@@ -54,21 +54,26 @@ FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDev
   for (size_t j = 0; j < bones.size(); ++j)
     for (int row = 0; row < 3; ++row)
       for (int column = 0; column < 4; ++column) constants.bones[3 * j + static_cast<size_t>(row)][column] = static_cast<float>(bones[j][column][row]);
-  constants_ = Buffer(device, "frame constants", sizeof constants, BufferPlace::device);
   device.upload(constants_.slice(), &constants, sizeof constants);
 
-  // Posed vertices without the root translation: A_b = B_b V_b on the rest vertices.
-  const std::vector<glm::dvec3> posed = skinned_vertices(avatar.body, rest_to_posed(avatar.body.skeleton, pose));
-  std::vector<std::array<float, 3>> points;
+  // A_b = B_b V_b on the rest vertices.
+  std::vector<glm::dvec3> posed = skinned_vertices(avatar.body, rest_to_posed(avatar.body.skeleton, pose));
   glm::dvec3 lower = posed.front(), upper = posed.front();
-  for (const glm::dvec3& p : posed) {
-    lower = glm::min(lower, p), upper = glm::max(upper, p);
-    points.push_back({static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)});
-  }
+  for (const glm::dvec3& p : posed) lower = glm::min(lower, p), upper = glm::max(upper, p);
   for (int axis = 0; axis < 3; ++axis) {
     box_.minimum[static_cast<size_t>(axis)] = static_cast<float>(lower[axis] + t[axis] - box_margin);
     box_.maximum[static_cast<size_t>(axis)] = static_cast<float>(upper[axis] + t[axis] + box_margin);
   }
+  return posed;
+}
+
+void FrameOnDevice::set_pose(Device& device, const Avatar& avatar, const Pose& pose) { take_pose(device, avatar, pose); }
+
+FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDevice& body, const Pose& pose, const ShellSettings& shell) {
+  constants_ = Buffer(device, "frame constants", sizeof(FrameConstants), BufferPlace::device);
+  const std::vector<glm::dvec3> posed = take_pose(device, avatar, pose);
+  std::vector<std::array<float, 3>> points;
+  for (const glm::dvec3& p : posed) points.push_back({static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)});
   vertices_.grid = build_vertex_grid(points);
   grid_vertices_ = uploaded(device, "posed vertices by cell", vertices_.grid.vertices);
   cell_start_ = uploaded(device, "cell starts", vertices_.grid.cell_start);

@@ -36,6 +36,10 @@ class FrameOnDevice {
  public:
   FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDevice& body, const Pose& pose, const ShellSettings& shell);
 
+  // Another pose from now on, as far as bone transforms, root translation and box go; posed vertices, shell and correspondences
+  // stay those of the pose that the frame was made in, relative to the root. Waits for nothing: not while launches that read it run.
+  void set_pose(Device& device, const Avatar& avatar, const Pose& pose);
+
   BufferSlice constants() { return constants_.slice(); }        // FrameConstants
   const PosedVertices& vertices() const { return vertices_; }
   const ShellGrid& shell_grid() const { return shell_grid_; }
@@ -54,6 +58,9 @@ class FrameOnDevice {
   std::array<float, 3> root_translation_{};
   RayBox box_;
   std::optional<CorrespondenceGrid> correspondences_;
+
+  // The posed vertices without the root translation.
+  std::vector<glm::dvec3> take_pose(Device& device, const Avatar& avatar, const Pose& pose);
 };
 
 }  // namespace arah

@@ -54,6 +54,9 @@ class PointRootFinder {
   // solve they are: with template weights the nearest vertices found there decide. Overwritten by the next solve.
   BufferSlice record_transforms(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& canonical);
 
+  // With template weights, of the last solve: uint32 by point, the vertex that decides.
+  BufferSlice nearest_vertices() { return nearest_.slice(); }
+
   RootFindingCounts counts() const { return counts_; }
   void reset_counts() { counts_ = {}; }
   void restore_counts(const RootFindingCounts& counts) { counts_ = counts; }  // of before a search that is not to count

@@ -63,6 +63,9 @@ class RayImportance {
   // Throws InputError where what was loaded is not of this pool.
   PoolImportance& pool(std::size_t place, bool person, const std::vector<TrainingImage::Pixel>& pixels);
 
+  // What was found out about a picture's pixels: they are others from now on.
+  void forget(std::size_t place) { pools_.erase({place, 0}), pools_.erase({place, 1}), loaded_.erase({place, 0}), loaded_.erase({place, 1}); }
+
   // "training.ray_importance": averages of all pools, one after the other; "training.ray_importance_cells" [places][2]: how many are
   // each pool's, on the person and around, 0 where it was not drawn from.
   void save(SafetensorsFile& file, std::size_t places) const;

@@ -32,7 +32,8 @@ uint64_t SkinningGradient::scratch_floats() const {
   return std::max(networks_.skinning().weight_gradient_scratch(rows_tape_.capacity()), networks_.skinning().weight_gradient_scratch(points_tape_.capacity()));
 }
 
-void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch) {
+void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch,
+                                             const Wanted& wanted) {
   const Rows all{{rows, {}}, {}};
   DenseNetwork& network = networks_.skinning();
   record_normalise_inputs(commands, {all, frame.constants(), canonical, rows_tape_.input()});
@@ -45,6 +46,7 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   lbs.canonical = canonical;
   lbs.posed = posed_.slice();
   lbs.transforms = transforms_.slice();
+  if (wanted.pose) lbs.weights = wanted.pose->weights();
   record_lbs(commands, lbs);
 
   LbsBackwardArgs back;
@@ -72,6 +74,8 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   record_jacobian(commands, jacobian);
   commands.fill(singular_.slice(), 0);
   record_implicit_cotangent(commands, {rows, jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
+  if (wanted.pose) wanted.pose->record_add(commands, rows, canonical, cotangents_.slice());
+  if (!wanted.weights) return;
   back.component = 3;
   back.cotangents = cotangents_.slice();
   record_lbs_backward(commands, back);

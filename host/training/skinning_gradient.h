@@ -6,6 +6,7 @@
 
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/frame_on_device.h"
+#include "host/training/pose_refinement.h"
 #include "host/training/template_samples.h"
 #include "kernels/skinning/weights_loss.h"
 
@@ -18,8 +19,16 @@ class SkinningGradient {
   uint64_t scratch_floats() const;
 
   // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=, or += with
-  // accumulate).
-  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch);
+  // accumulate), and the pose's gradient (+=), each where wanted.
+  struct Wanted {
+    bool weights = true;
+    PoseGradient* pose = nullptr;
+  };
+  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch,
+                             const Wanted& wanted);
+  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch) {
+    record_from_positions(commands, frame, rows, canonical, upstream, accumulate, scratch, Wanted{});
+  }
 
   // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
   void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);

@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <random>
-#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -74,6 +73,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
   if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
+  if (settings.pose_refinement) pose_gradient.emplace(device, networks, shaded.field().shaded_capacity());
   if (settings.sampling.mode == SamplingMode::surface) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
   // Where memory is too short for all rays together, it is short for this too.
   if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
@@ -112,13 +112,23 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       pass_rays_(planned_rays()),
       networks_(device, avatar_, true, settings.frames_per_step),
       room_(device, networks_, settings, pass_rays_) {
+  if (settings_.disturb_degrees > 0 || settings_.disturb_metres > 0)
+    for (size_t frame = 0; frame < images_.poses().size(); ++frame) {
+      images_.set_pose(frame, disturbed_pose(images_.poses()[frame], settings_.disturb_degrees, settings_.disturb_metres, settings_.seed, images_.frame_number(frame)));
+      images_.renew(frame, 0);
+    }
+  if (settings_.pose_refinement) {
+    if (avatar_.spec.skinning.kind == Skinning::none) throw InputError("settings", "pose_refinement", "false for an avatar without skinning: its one pose is what is canonical", "true");
+    const Correspondence from = settings_.sampling.root.correspondence;
+    if (with_grids() && from != Correspondence::search_from_grid) throw InputError("settings", "root_correspondence", "search or search_from_grid with pose_refinement", to_string(from));
+    refinement_.emplace(avatar_, images_.poses());
+  }
   device.upload(room_.averages.slice(), avatar_.parameters);
   const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
                                                             {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid},
                                                             {"pose_code", &settings_.pose_code}, {"hyper", &settings_.hyper}, {"low_rank", &settings_.low_rank}, {"hyper_last", &settings_.hyper_last}};
-  std::set<size_t> frames;
-  for (const TrainingImages::Place& place : images_.places()) frames.insert(place.frame);
-  if (settings_.frames_per_step > frames.size()) throw InputError("settings", "frames_per_step", fmt::format("at most the {} training frames", frames.size()), fmt::format("{}", settings_.frames_per_step));
+  if (const size_t frames = pictured_frames().size(); settings_.frames_per_step > frames)
+    throw InputError("settings", "frames_per_step", fmt::format("at most the {} training frames", frames), fmt::format("{}", settings_.frames_per_step));
   for (const ParameterGroup& group : networks_.layout().groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
 }
 
@@ -129,7 +139,39 @@ uint32_t Trainer::planned_rays() {
   };
   // Under a ceiling all frames come first, so that what is left for a pass is known; else each is made when a step asks for it.
   if (device_.memory_ceiling()) images_.make_frames(with_grids(), device_.bytes_of([&] { make(std::min(settings_.rays, point_padding)); }));
-  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_), 0, make);
+  // The shell of another pose may need more room than the one that it replaces.
+  const uint64_t for_shells = settings_.pose_refinement ? images_.frame_bytes() / 8 : 0;
+  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_), for_shells, make);
+}
+
+std::vector<size_t> Trainer::pictured_frames() const {
+  std::vector<size_t> frames;
+  for (const TrainingImages::Place& place : images_.places())  // by frame
+    if (frames.empty() || frames.back() != place.frame) frames.push_back(place.frame);
+  return frames;
+}
+
+bool Trainer::renew_shell(size_t frame, double drift) {
+  if (!images_.renew(frame, drift)) return false;
+  for (size_t number = 0; number < images_.places().size(); ++number)
+    if (images_.places()[number].frame == frame) importance_.forget(number);
+  return true;
+}
+
+void Trainer::solve_correspondences_again(const std::vector<size_t>& frames) {
+  const ParameterGroup& group = networks_.layout().group("skinning");
+  const BufferSlice skinning = networks_.parameters().elements(group.begin, group.size());
+  const std::vector<float> now = device_.download<float>(skinning);
+  device_.upload(skinning, grid_parameters_);
+  commands_.stage("weights");
+  networks_.record_pack(commands_, 0, {});  // the skinning network reads neither code nor pose
+  for (const size_t frame : frames) solve_correspondences(images_.frame(frame));
+  device_.upload(skinning, now);
+}
+
+void Trainer::solve_correspondences(FrameOnDevice& frame) {
+  if (!frame.correspondences()) frame.make_correspondences(device_, settings_.sampling.shell);
+  frame.correspondences()->solve(commands_, *room_.grid_finder, frame, settings_.sampling.root);
 }
 
 void Trainer::solve_correspondences() {
@@ -137,11 +179,9 @@ void Trainer::solve_correspondences() {
   grid_parameters_ = device_.download<float>(networks_.parameters().elements(group.begin, group.size()));
   commands_.stage("weights");
   networks_.record_pack(commands_, 0, {});  // the skinning network reads neither code nor pose
-  for (const TrainingImages::Place& place : images_.places()) {  // by frame
-    if (&place != images_.places().data() && (&place)[-1].frame == place.frame) continue;
-    FrameOnDevice& frame = images_.frame(place.frame);
-    if (!frame.correspondences()) frame.make_correspondences(device_, settings_.sampling.shell);
-    frame.correspondences()->solve(commands_, *room_.grid_finder, frame, settings_.sampling.root);
+  for (const size_t frame : pictured_frames()) {
+    renew_shell(frame, 0);  // of one pose with the grid: what a resumed run makes again
+    solve_correspondences(images_.frame(frame));
   }
 }
 
@@ -174,6 +214,7 @@ Trainer::Batch Trainer::draw_batch(std::mt19937_64& generator, const std::vector
   for (int tries = 0;; ++tries) {
     batch.number = numbers[below(numbers.size())];
     batch.place = images_.places()[batch.number];
+    if (renew_shell(batch.place.frame, settings_.shell_drift) && with_grids()) solve_correspondences_again({batch.place.frame});
     const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);
     if (image.person.empty() && image.around.empty()) {
       if (tries > 1000) throw InputError("capture", "pictures", "a person in view of the training cameras", "no ray that comes near the posed template", "Check cameras and poses with arah inspect.");
@@ -195,7 +236,7 @@ Trainer::Batch Trainer::draw_batch(std::mt19937_64& generator, const std::vector
 }
 
 std::vector<float> Trainer::draw_pose_input(size_t frame, uint32_t number) {
-  std::vector<float> input = pose_input(avatar_, images_.pose(frame));
+  std::vector<float> input = pose_input(avatar_, images_.poses()[frame]);
   if (input.empty() || settings_.pose_noise == 0) return input;
   std::mt19937_64 generator = step_generator(settings_.seed, steps_, 3 + 16 * number);
   if (!(std::uniform_real_distribution<double>(0, 1)(generator) < settings_.pose_noise_probability)) return input;
@@ -423,13 +464,18 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   commands_.stage("shading backward");
   Field::Backward field_back;
   field_back.accumulate = accumulate;
-  field_back.position = skinning_step;
+  field_back.position = skinning_step || pose_step_;
   field_back.grid_scale = grid_scale(settings_);
   field_back.grid_sums = room_.grid_sums.slice();
   field_back.grid_clamped = room_.grid_clamped.slice();
   field.record_backward(commands_, room_.shaded.inputs(), field_back);
   commands_.stage("skinning backward");
-  if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), accumulate, room_.scratch.slice());
+  const Field::Inputs& at = room_.shaded.inputs();
+  PoseGradient* pose = pose_step_ ? &*room_.pose_gradient : nullptr;
+  if (room_.skinning && (skinning_step || pose))
+    room_.skinning->record_from_positions(commands_, frame, at.rows, at.canonical, field.position_gradient(), accumulate, room_.scratch.slice(), {.weights = skinning_step, .pose = pose});
+  else if (pose)
+    pose->record_add_by_vertex(commands_, frame, room_.samples.root_finder(), {{at.rows, {}}, at.samples}, at.canonical, field.position_gradient());
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
 }
 
@@ -471,6 +517,7 @@ StepReport Trainer::step(uint64_t steps_left) {
     room_.skinning->set_surface(template_samples_.surface, generator);
   }
 
+  pose_step_ = refinement_ && steps_ % settings_.poses_every == 0 && rate_factor(settings_.poses, settings_, steps_, done_) > 0;
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
@@ -478,9 +525,14 @@ StepReport Trainer::step(uint64_t steps_left) {
   shaded_samples_ = passes_done_ = 0;
   person_rays_ = person_hits_ = 0;
   room_.samples.set_half_width(half_width(settings_, steps_));
+  std::vector<PoseGradients> pose_gradients;  // by frame
   for (uint32_t f = 0; f < frames.size(); ++f) {
     if (f > 0) commands_.submit_and_wait();  // what was recorded reads what is uploaded next
+    if (pose_step_) room_.pose_gradient->record_clear(commands_);
     run_frame(frames[f], f, skinning_step);
+    if (!pose_step_) continue;
+    commands_.submit_and_wait();
+    pose_gradients.push_back({room_.pose_gradient->download(), networks_.download_pose_gradient(device_)});
   }
   commands_.stage("optimiser");
   for (size_t g = 0; g < groups_.size(); ++g) {
@@ -495,6 +547,12 @@ StepReport Trainer::step(uint64_t steps_left) {
   for (size_t g = 0; g < groups_.size(); ++g)
     if (norms[g].nonfinite)
       throw std::runtime_error(fmt::format("training step {}: {} numbers of the gradient of '{}' are NaN or infinite", steps_ + 1, norms[g].nonfinite, groups_[g].name));
+
+  for (size_t f = 0; f < pose_gradients.size(); ++f) {
+    const size_t frame = frames[f][0].place.frame;
+    refinement_->step(frame, pose_gradients[f], settings_.poses, rate_factor(settings_.poses, settings_, steps_, done_));
+    images_.set_pose(frame, refinement_->pose(frame));
+  }
 
   const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
   StepReport report;
@@ -530,6 +588,12 @@ Avatar Trainer::avatar() {
   result.seed = settings_.seed;
   result.steps = steps_;
   result.settings = settings_to_json(settings_);
+  if (refinement_)
+    for (const size_t frame : pictured_frames()) {
+      result.refined.frames.push_back(images_.frame_number(frame));
+      result.refined.poses.push_back(images_.poses()[frame]);
+      result.refined.starts.push_back(refinement_->starts()[frame]);
+    }
   return result;
 }
 
@@ -546,6 +610,10 @@ SafetensorsFile Trainer::checkpoint() {
   file.tensors["optimizer.updates"] = Tensor::from<int64_t>({static_cast<int64_t>(updates.size())}, updates);
   if (!grid_parameters_.empty()) file.tensors["training.grid_parameters"] = Tensor::from<float>({static_cast<int64_t>(grid_parameters_.size())}, grid_parameters_);
   if (settings_.ray_importance > 0) importance_.save(file, images_.places().size());
+  if (refinement_) {
+    refinement_->save(file);
+    refinement_->save_poses(file, "training.shell_poses", images_.shell_poses());
+  }
   file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
   file.tensors["training.last_skinning_loss"] = Tensor::from<double>({}, std::vector<double>{last_skinning_loss_});
   return file;
@@ -566,14 +634,18 @@ void Trainer::resume(const SafetensorsFile& file) {
   last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
   steps_ = saved.steps;
   if (settings_.ray_importance > 0) importance_.load(file, images_.places().size());
-  // The grids of the frames as they were: solved with the parameters of then.
-  if (!file.tensors.contains("training.grid_parameters")) return;
-  const ParameterGroup& group = networks_.layout().group("skinning");
-  const BufferSlice skinning = networks_.parameters().elements(group.begin, group.size());
-  const std::vector<float> now = device_.download<float>(skinning);
-  device_.upload(skinning, file.values<float>("training.grid_parameters", {static_cast<int64_t>(group.size())}));
-  solve_correspondences();
-  device_.upload(skinning, now);
+  // Shells and grids as they were: of the poses and solved with the parameters of then.
+  if (refinement_) {
+    refinement_->load(file);
+    const std::vector<Pose> shells = refinement_->load_poses(file, "training.shell_poses");
+    for (size_t frame = 0; frame < shells.size(); ++frame) images_.set_pose(frame, shells[frame]), images_.renew(frame, 0);
+  }
+  if (file.tensors.contains("training.grid_parameters")) {
+    grid_parameters_ = file.values<float>("training.grid_parameters", {static_cast<int64_t>(networks_.layout().group("skinning").size())});
+    solve_correspondences_again(pictured_frames());
+  }
+  if (refinement_)
+    for (size_t frame = 0; frame < images_.poses().size(); ++frame) images_.set_pose(frame, refinement_->pose(frame));
 }
 
 }  // namespace arah

@@ -11,6 +11,7 @@
 #include "host/avatar/safetensors.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/training/pose_refinement.h"
 #include "host/training/ray_importance.h"
 #include "host/training/skinning_gradient.h"
 #include "host/training/template_samples.h"
@@ -87,6 +88,7 @@ class Trainer {
     std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
     SirenTape eikonal_tape, sign_tape;
     std::optional<SkinningGradient> skinning;
+    std::optional<PoseGradient> pose_gradient;  // where poses are refined
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
     Buffer first_moments, second_moments, averages;     // of the parameters
     Buffer grid_sums, grid_clamped, squares, norms;     // of the gradients
@@ -99,6 +101,12 @@ class Trainer {
   }
   // Searches the roots at the nodes of all frames' grids, where the settings want them, and notes with which parameters.
   void solve_correspondences();
+  // The frame's shell and pixels follow its pose where that has moved from theirs (TrainingImages::renew).
+  bool renew_shell(size_t frame, double drift);
+  // Searches the roots at the nodes of the frames' grids as they were when all were solved.
+  void solve_correspondences_again(const std::vector<size_t>& frames);
+  void solve_correspondences(FrameOnDevice& frame);
+  std::vector<size_t> pictured_frames() const;
   uint32_t planned_rays();
   // One of each frame's pictures.
   std::vector<std::vector<Batch>> draw_batches();
@@ -129,11 +137,13 @@ class Trainer {
   TrainingImages images_;
   TemplateSamples template_samples_;
   RayImportance importance_;
+  std::optional<PoseRefinement> refinement_;
   uint32_t pass_rays_;
   AvatarNetworks networks_;
   Room room_;
   std::vector<Group> groups_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
+  bool pose_step_ = false;       // whether the step moves its frame's pose
   uint32_t passes_done_ = 0;     // of the step so far
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t person_rays_ = 0, person_hits_ = 0;  // of the step so far

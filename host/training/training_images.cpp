@@ -1,6 +1,7 @@
 #include "host/training/training_images.h"
 
 #include <algorithm>
+#include <glm/geometric.hpp>
 #include <set>
 
 #include "host/input_error.h"
@@ -11,6 +12,8 @@ TrainingImages::TrainingImages(Device& device, const Avatar& avatar, const Captu
     : device_(device), avatar_(avatar), capture_(capture), size_(size), shell_(shell), body_(device, avatar.body) {
   const Motion& motion = motion_of(capture, "train");
   frames_.resize(motion.frames.size());
+  for (const MotionFrame& frame_of_motion : motion.frames) poses_.push_back(frame_of_motion.pose);
+  shell_poses_ = poses_;
   for (const Camera& camera : capture.cameras) cameras_.push_back(size > 0 ? camera.scaled(size) : camera);
   for (size_t camera = 0; camera < capture.cameras.size(); ++camera) {
     if (capture.cameras[camera].role != "train") continue;
@@ -24,12 +27,29 @@ TrainingImages::TrainingImages(Device& device, const Avatar& avatar, const Captu
 
 int TrainingImages::frame_number(size_t frame) const { return motion_of(capture_, "train").frames[frame].number; }
 
-const Pose& TrainingImages::pose(size_t frame) const { return motion_of(capture_, "train").frames[frame].pose; }
-
 FrameOnDevice& TrainingImages::frame(size_t frame) {
   std::unique_ptr<FrameOnDevice>& slot = frames_[frame];
-  if (!slot) slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, pose(frame), shell_);
+  if (slot) return *slot;
+  slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, shell_poses_[frame], shell_);
+  if (poses_[frame] != shell_poses_[frame]) slot->set_pose(device_, avatar_, poses_[frame]);
   return *slot;
+}
+
+void TrainingImages::set_pose(size_t frame, const Pose& pose) {
+  poses_[frame] = pose;
+  if (frames_[frame]) frames_[frame]->set_pose(device_, avatar_, pose);
+}
+
+bool TrainingImages::renew(size_t frame, double drift) {
+  if (poses_[frame] == shell_poses_[frame]) return false;
+  const std::vector<glm::vec3> now = posed_vertices(avatar_.body, poses_[frame]), then = posed_vertices(avatar_.body, shell_poses_[frame]);
+  double farthest = 0;
+  for (size_t v = 0; v < now.size(); ++v) farthest = std::max(farthest, double{glm::distance(now[v], then[v])});
+  if (drift > 0 && farthest <= drift) return false;
+  shell_poses_[frame] = poses_[frame];
+  frames_[frame].reset();
+  std::erase_if(images_, [&](const auto& entry) { return entry.first.second == frame; });
+  return true;
 }
 
 void TrainingImages::make_frames(bool correspondences, uint64_t besides) {
@@ -44,12 +64,20 @@ void TrainingImages::make_frames(bool correspondences, uint64_t besides) {
   }
 }
 
+uint64_t TrainingImages::frame_bytes() const {
+  uint64_t bytes = 0;
+  for (const auto& frame_made : frames_)
+    if (frame_made) bytes += frame_made->bytes();
+  return bytes;
+}
+
 const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finder, const Place& place) {
   const auto [slot, made] = images_.try_emplace({place.camera, place.frame});
   TrainingImage& image = slot->second;
   if (!made) return image;
   const Image picture = load_image(capture_, "train", place.camera, frame_number(place.frame), size_);
   FrameOnDevice& frame_here = frame(place.frame);
+  frame_here.set_pose(device_, avatar_, shell_poses_[place.frame]);  // not of the moment when the picture is first asked for
   std::vector<uint32_t> pixels;
   for (int v = 0; v < picture.height; ++v)
     for (int u = 0; u < picture.width; ++u) pixels.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
@@ -64,6 +92,7 @@ const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finde
       (person ? image.person : image.around).push_back({pixels[first + i], {rgba[0], rgba[1], rgba[2], person ? 1.0f : 0.0f}});
     }
   }
+  frame_here.set_pose(device_, avatar_, poses_[place.frame]);
   return image;
 }
 

@@ -36,14 +36,23 @@ class TrainingImages {
 
   const std::vector<Place>& places() const { return places_; }  // every training picture, by frame, then by camera
   FrameOnDevice& frame(size_t frame);
+
+  // The frames' poses: the capture's, until others are set. A frame's bone transforms and box follow its pose at once. What is
+  // slow to make (posed vertices and shell, correspondences between them, and which pixels' rays meet the shell) stays that of
+  // the pose in which it was made, until renew() finds a vertex that has moved farther than `drift` metres in the world (0: until the poses
+  // differ at all): then it is dropped, to be made again when next asked for. Neither waits: not while launches that read the frame run.
+  const std::vector<Pose>& poses() const { return poses_; }
+  const std::vector<Pose>& shell_poses() const { return shell_poses_; }
+  void set_pose(size_t frame, const Pose& pose);
+  bool renew(size_t frame, double drift);
   // All frames that have a picture, with room for their correspondences where wanted. Throws MemoryCeilingError where the
   // device's ceiling leaves too little for them, all as large as the first, and for `besides` bytes.
   void make_frames(bool correspondences, uint64_t besides);
+  uint64_t frame_bytes() const;  // of all frames made so far
   // `finder` lends its ray buffers for the test of which rays enter the shell. Submits where the picture is new.
   const TrainingImage& image(Commands& commands, RaySamples& finder, const Place& place);
   const Camera& camera(size_t index) const { return cameras_[index]; }
   int frame_number(size_t frame) const;
-  const Pose& pose(size_t frame) const;
 
  private:
   Device& device_;
@@ -54,6 +63,7 @@ class TrainingImages {
   TemplateOnDevice body_;
   std::vector<Camera> cameras_;
   std::vector<Place> places_;
+  std::vector<Pose> poses_, shell_poses_;  // by frame
   std::vector<std::unique_ptr<FrameOnDevice>> frames_;
   std::map<std::pair<size_t, size_t>, TrainingImage> images_;
 };

@@ -152,7 +152,7 @@ class TrainingRun {
     } catch (const std::runtime_error&) {
       if (!stopped_) throw;
       if (!options_.resume) folder_.discard();
-      return {true, 0, seconds(), {}};
+      return {true, 0, seconds(), {}, {}};
     }
     log({{"event", "fit"}, {"sdf_error", event.fit.sdf_error}, {"skinning_error", event.fit.skinning_error}});
     event.kind = RunEvent::Kind::fitted;
@@ -250,11 +250,18 @@ class TrainingRun {
     save(trainer);
     ordered_json end{{"event", "end"}, {"step", trainer.steps_done()}, {"stopped", stopped}};
     if (stepped_) end["total"] = last.total;
+    RunResult result{stopped, trainer.steps_done(), 0, folder_.avatar_file(), {}};
+    if (settings_.pose_refinement) {
+      const PoseImprovement poses = pose_improvement(trainer.avatar().refined, capture_.body_template.skeleton, motion_of(capture_, "train"));
+      result.poses = describe(poses);
+      end["poses"] = {{"frames", poses.after.frames}, {"before_mm", 1000 * poses.before.joints}, {"after_mm", 1000 * poses.after.joints}};
+    }
     end["most_memory"] = device_.most_allocated_bytes();
     end["shaders"] = device_.pipelines_made();
     end["shader_seconds"] = std::round(1000 * device_.pipeline_seconds()) / 1000;
     log(std::move(end));
-    return {stopped, trainer.steps_done(), seconds(), folder_.avatar_file()};
+    result.seconds = seconds();
+    return result;
   }
 
   Device& device_;

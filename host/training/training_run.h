@@ -45,6 +45,7 @@ struct RunResult {
   uint64_t steps = 0;            // in all
   double seconds = 0;            // in all
   std::filesystem::path avatar;  // empty where the run was stopped in its template fit
+  std::string poses;             // what refinement did to them, in words; empty without it
 };
 
 // Trains for config.settings.steps steps, or, where that is 0, until settings.minutes have passed, counted from

@@ -80,6 +80,12 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("hyper", s.hyper);
   visit("low_rank", s.low_rank);
   visit("hyper_last", s.hyper_last);
+  visit("pose_refinement", s.pose_refinement);
+  visit("poses", s.poses);
+  visit("poses_every", s.poses_every);
+  visit("shell_drift", s.shell_drift);
+  visit("disturb_degrees", s.disturb_degrees);
+  visit("disturb_metres", s.disturb_metres);
   visit("end_fraction", s.end_fraction);
   visit("average_decay", s.average_decay);
   visit("checkpoint_minutes", s.checkpoint_minutes);
@@ -150,6 +156,11 @@ struct Reader {
 
 }  // namespace
 
+void search_for_refinement(TrainingSettings& settings) {
+  Correspondence& from = settings.sampling.root.correspondence;
+  if (settings.pose_refinement && (from == Correspondence::grid || from == Correspondence::grid_alone)) from = Correspondence::search_from_grid;
+}
+
 TrainingSettings preset_settings(const std::string& preset) {
   TrainingSettings s;
   s.preset = preset;
@@ -168,6 +179,8 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.pose_code = {.rate = 1e-4, .warm_up = 200, .max_norm = 10};
   s.hyper = s.hyper_last = {.rate = 1e-6, .warm_up = 200, .max_norm = 10};
   s.low_rank = {.rate = 1e-5, .warm_up = 200, .max_norm = 10};
+  s.poses = {.rate = 2e-3, .freeze = 200};  // a frame has its turn some ten times; at first colours say nothing about poses
+  s.poses_every = 4;                        // every other one is a step in which the skinning network learns from colours
   if (preset == "tiny") return s;
   if (preset == "compact") {
     s.sdf.rate = 1e-4;
@@ -191,6 +204,8 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.sdf = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
     s.skinning = s.color = {.rate = 1e-4};  // b stays frozen at first as in the others: 1e-4 m a step takes its 1 mm to 0 in ten
     s.latent = {.rate = 1e-4, .weight_decay = 0.05};
+    s.poses = {.rate = 1e-4};
+    s.poses_every = 1;
     s.end_fraction = 1;
     s.fit_rate = 2e-4;
     s.minutes = 600;
@@ -221,6 +236,9 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
     throw InputError(where, "parameter_weight, pose_noise, pose_noise_probability", "at least 0, the probability at most 1", fmt::format("{}, {}, {}", settings.parameter_weight, settings.pose_noise, settings.pose_noise_probability));
   // Above, one ray's weight could be more than ten times another's.
   if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
+  if (settings.poses_every == 0) throw InputError(where, "poses_every", "at least 1", "0");
+  if (!(settings.shell_drift >= 0 && settings.disturb_degrees >= 0 && settings.disturb_metres >= 0))
+    throw InputError(where, "shell_drift, disturb_degrees, disturb_metres", "numbers of at least 0", fmt::format("{}, {}, {}", settings.shell_drift, settings.disturb_degrees, settings.disturb_metres));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
   if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;

@@ -53,6 +53,18 @@ struct TrainingSettings {
 
   GroupSettings sdf, mapping, skinning, color, latent, deviation, grid;
   GroupSettings pose_code, hyper, low_rank, hyper_last;  // of the SDF by pose (parameter_layout.h)
+
+  // Whether the training frames' poses are corrected by what the pictures say (pose_refinement.h). The correspondences of samples
+  // must then be searched, if from a grid: between the nodes of a grid that was solved for one pose no other can be seen.
+  bool pose_refinement = false;
+  // Of each frame's rotations and root position, radians and metres, by the frame's own steps. Weight decay draws them back to
+  // where they began.
+  GroupSettings poses = {.rate = 1e-4};
+  uint32_t poses_every = 1;  // steps between two that move a pose: they cost more, except where the skinning network learns from colours too
+  double shell_drift = 0.01;  // metres that a vertex may move before the frame's shell follows its pose
+  // For studies of refinement: poses are disturbed before training (disturbed_pose()). 0: as the capture has them.
+  double disturb_degrees = 0, disturb_metres = 0;
+
   double end_fraction = 0.03;     // of each rate, at the end
   double average_decay = 0.995;   // of the moving average that renders; 0: none
   double checkpoint_minutes = 2;  // between checkpoints
@@ -63,6 +75,9 @@ struct TrainingSettings {
   double fit_skinning_rate = 5e-3;  // of the skinning network, under the cross entropy
   double clothing = 0.01;         // metres that the start lies outside the template
 };
+
+// Where poses are to be refined and correspondences would come from grids alone, they begin their searches there instead.
+void search_for_refinement(TrainingSettings& settings);
 
 // "tiny", "compact" or "paper". Throws InputError naming the presets for another word.
 TrainingSettings preset_settings(const std::string& preset);

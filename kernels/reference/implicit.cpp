@@ -1,5 +1,7 @@
 #include "kernels/reference/implicit.h"
 
+#include "kernels/reference/sizes.h"
+
 namespace arah::reference {
 
 PointImplicitGradient implicit_point_gradient(const Matrix<3>& jacobian, const Vector<3>& upstream) {
@@ -19,6 +21,27 @@ Matrix<3> jacobian_in_cube(const Matrix<3>& skinning_jacobian, double extent) {
   for (auto& row : jacobian)
     for (double& value : row) value *= extent / 2;
   return jacobian;
+}
+
+PoseImplicitGradient implicit_pose_gradient(std::size_t joints, std::span<const double> weights, std::span<const double> x,
+                                            std::span<const double> skinned) {
+  const std::size_t points = x.size() / 3;
+  check_size("pose gradient: x", x.size(), points * 3);
+  check_size("pose gradient: weights", weights.size(), points * joints);
+  check_size("pose gradient: skinned", skinned.size(), points * 3);
+  PoseImplicitGradient gradient{std::vector<double>(joints * 12, 0.0), {}};
+  for (std::size_t p = 0; p < points; ++p) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double g = skinned[3 * p + i];
+      gradient.root_translation[i] += g;
+      for (std::size_t b = 0; b < joints; ++b) {
+        double* row = &gradient.bone_transforms[12 * b + 4 * i];
+        for (std::size_t k = 0; k < 3; ++k) row[k] += g * weights[p * joints + b] * x[3 * p + k];
+        row[3] += g * weights[p * joints + b];
+      }
+    }
+  }
+  return gradient;
 }
 
 JointImplicitGradient implicit_joint_gradient(const Matrix<4>& jacobian, const Vector<4>& upstream, double depth) {

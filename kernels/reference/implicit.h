@@ -3,6 +3,10 @@
 // u = u* − J⁻¹ g(u*), and an upstream gradient dL/du becomes dL/dg = −J⁻ᵀ dL/du.
 #pragma once
 
+#include <cstddef>
+#include <span>
+#include <vector>
+
 #include "kernels/reference/small_matrix.h"
 
 namespace arah::reference {
@@ -20,6 +24,19 @@ PointImplicitGradient implicit_point_gradient(const Matrix<3>& jacobian, const V
 
 // ∂LBS/∂n from ∂LBS/∂x̂: `extent` is 1.1 (cmax − cmin), metres, the cube's edge (ARAH.md section 1).
 Matrix<3> jacobian_in_cube(const Matrix<3>& skinning_jacobian, double extent);
+
+// What the loss says about the pose. The root of LBS(x̂; B) = x̄ − t moves as its bone transforms and the root translation do;
+// x̄ is where the ray was sampled, and stays. With g = dL/dLBS(x̂*) of each root:
+//   dL/dB_b = Σ_points g (w_b(x̂*) [x̂*; 1])ᵀ,   dL/dt = Σ_points g.
+struct PoseImplicitGradient {
+  std::vector<double> bone_transforms;  // [joints][3][4]
+  Vector<3> root_translation{};
+};
+
+// weights [points][joints], x [points][3] the roots, skinned [points][3] their PointImplicitGradient::skinned. Throws
+// std::invalid_argument when sizes do not fit.
+PoseImplicitGradient implicit_pose_gradient(std::size_t joints, std::span<const double> weights, std::span<const double> x,
+                                            std::span<const double> skinned);
 
 // Likewise for the joint root u = (x̂, d) of g = [f_metric(x̂); LBS(x̂) − (c + d·v − t)].
 struct JointImplicitGradient {

@@ -44,12 +44,19 @@ struct ImplicitJointConstants {
   uint sdf_column;
 };
 
+struct BoneGradientConstants {
+  uint rows;
+  uint weight_stride;  // texels
+  uint weight_column;
+};
+
 #ifdef __cplusplus
 static_assert(sizeof(LbsConstants) == 20);
 static_assert(sizeof(LbsBackwardConstants) == 20);
 static_assert(sizeof(WeightsLossConstants) == 24);
 static_assert(sizeof(JacobianConstants) == 24);
 static_assert(sizeof(ImplicitJointConstants) == 20);
+static_assert(sizeof(BoneGradientConstants) == 12);
 }  // namespace arah::shared
 #endif
 #endif

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "kernels/reference/broyden.h"
+#include "kernels/skinning/bone_gradient.h"
 #include "kernels/skinning/implicit_cotangent.h"
 #include "kernels/skinning/implicit_joint_cotangent.h"
 #include "shaders/shared/ray.h"
@@ -37,8 +38,25 @@ TEST_F(Implicit, GoldenGradientsThroughTheCorrespondence) {
   Buffer upstream = filled("upstream", padded_rows(times(truth.values("in.G"), network.cube.scale()), 3, 4));
   at.record_jacobians(commands);
   record_implicit_cotangent(commands, {at.points, at.jacobians.slice(), upstream.slice(), at.canonical.slice(), at.cotangents.slice(), at.singular.slice()});
+  BoneGradientArgs bones;
+  bones.rows = at.rows();
+  bones.joints = 24;
+  bones.cotangents = at.cotangents.slice();
+  bones.canonical = at.canonical.slice();
+  bones.weights = {at.bone_weights.slice(), SkinningAt::weight_stride, 0};
+  Buffer partials = empty("partials", bone_gradient_partials(at.points, 24)), sums = filled("dL/dB", std::vector<float>(24 * 12, 0.0f));
+  bones.partials = partials.slice();
+  bones.gradients = sums.slice();
+  record_bone_gradient(commands, bones);
   at.record_back(commands);
   commands.submit_and_wait();
+  std::vector<double> d_bones;
+  const std::vector<float> found = device.download<float>(sums.slice());
+  for (size_t b = 0; b < 24; ++b) {
+    d_bones.insert(d_bones.end(), found.begin() + ptrdiff_t(12 * b), found.begin() + ptrdiff_t(12 * b + 12));
+    d_bones.insert(d_bones.end(), 4, 0.0);  // the last row is no variable
+  }
+  expect_golden_float(truth, "grad.B", d_bones);
   expect_golden_float(truth, "grad.x_bar", times(rows_of(device.download<float>(at.cotangents.slice()), at.points, 3, 4), -1));
   expect_golden_gradients(truth, "lbs", at.dense.tensors.download_gradients());
   EXPECT_EQ(device.download<uint32_t>(at.singular.slice())[0], 0u);
@@ -87,6 +105,67 @@ TEST_F(Implicit, GoldenGradientsThroughTheJointSearch) {
     for (size_t t = 0; t < 4; ++t)
       if (!gradients[l][t].empty()) expect_golden_float(truth, "grad.sdf." + std::to_string(l) + "." + parts[t], gradients[l][t]);
   EXPECT_EQ(device.download<uint32_t>(at.singular.slice())[0], 0u);
+}
+
+// Sums of bone gradients against the truth: weights by row with a column offset, and those of nearest vertices through a list;
+// many rows, few, none; on top of what is there; the same bits again.
+TEST_F(Implicit, BoneGradientsFollowTheReference) {
+  struct Case {
+    uint32_t joints, rows;
+    bool by_vertex;
+  };
+  for (const Case& c : {Case{1, 1, false}, Case{24, 333, false}, Case{64, 130, false}, Case{24, 5000, false}, Case{3, 64, true}, Case{24, 700, true}, Case{64, 65, true}}) {
+    const uint32_t padded = padded_points(c.rows), stride = padded_channels(c.joints) + 8, vertices = 37, points = 2 * c.rows;
+    const std::vector<double> g = doubles(c.rows * 3, 2), x = doubles(c.rows * 3, 1);
+    std::vector<double> w;
+    Buffer cotangents = filled("cotangents", padded_rows(g, 3, 4)), canonical = filled("canonical", padded_rows(x, 3, 4, 0, std::nanf("")));  // nothing of the padding counts
+    Buffer partials = empty("partials", bone_gradient_partials(c.rows, c.joints)), sums = filled("dL/dB", std::vector<float>(c.joints * 12, 0.5f));
+    BoneGradientArgs args;
+    args.rows = {{c.rows, {}}, {}};
+    args.joints = c.joints;
+    args.cotangents = cotangents.slice();
+    args.canonical = canonical.slice();
+    args.partials = partials.slice();
+    args.gradients = sums.slice();
+    Buffer weights, nearest, influences, ids;
+    if (c.by_vertex) {
+      std::vector<uint32_t> id(padded, 0), vertex(padded_points(points)), words(vertices);
+      for (uint32_t r = 0; r < c.rows; ++r) id[r] = (r * 7 + 3) % points;
+      for (uint32_t& v : vertex) v = static_cast<uint32_t>(generator() % vertices);
+      for (uint32_t& word : words)
+        for (int k = 0; k < 4; ++k) word |= static_cast<uint32_t>(generator() % c.joints) << (8 * k);  // sometimes one joint twice
+      const std::vector<float> shares = uniform(vertices * 4, 0.05, 0.5);
+      for (uint32_t r = 0; r < c.rows; ++r) {
+        const uint32_t v = vertex[id[r]];
+        std::vector<double> dense(c.joints, 0.0);
+        double sum = 0;
+        for (uint32_t k = 0; k < 4; ++k) dense[words[v] >> (8 * k) & 255] += double{shares[4 * v + k]}, sum += double{shares[4 * v + k]};
+        for (const double share : dense) w.push_back(share / sum);
+      }
+      weights = filled("weights", shares), nearest = filled("nearest", vertex), influences = filled("joints", words), ids = filled("ids", id);
+      args.rows.ids = ids.slice();
+      args.nearest = nearest.slice();
+      args.target.joints = influences.slice();
+      args.target.weights = weights.slice();
+    } else {
+      w = doubles(c.rows * c.joints, 1);
+      weights = filled("weights", padded_rows(w, c.joints, stride, 8, 1e4f));
+      args.weights = {weights.slice(), stride, 8};
+    }
+    record_bone_gradient(commands, args);
+    commands.submit_and_wait();
+    const std::vector<float> found = device.download<float>(sums.slice().elements(0, 12 * c.joints));
+    std::vector<double> expected = reference::implicit_pose_gradient(c.joints, w, x, g).bone_transforms;
+    for (double& value : expected) value += 0.5;
+    expect_all_near(std::to_string(c.joints) + " joints, " + std::to_string(c.rows) + (c.by_vertex ? " rows by vertex" : " rows"), std::vector<double>(found.begin(), found.end()), expected, 2e-6 * std::sqrt(c.rows));
+    device.upload(sums.slice(), std::vector<float>(c.joints * 12, 0.5f));
+    record_bone_gradient(commands, args);
+    commands.submit_and_wait();
+    EXPECT_EQ(device.download<float>(sums.slice().elements(0, 12 * c.joints)), found);
+  }
+  BoneGradientArgs args;
+  args.joints = 65;
+  EXPECT_THROW(record_bone_gradient(commands, args), std::invalid_argument);
 }
 
 TEST_F(Implicit, JointCotangentsAndTheirExceptions) {

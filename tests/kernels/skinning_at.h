@@ -29,6 +29,7 @@ struct SkinningAt {
     posed = make("posed", padded * 16), transforms = make("transforms", padded * 48), jacobians = make("jacobians", padded * 48);
     for (Buffer& gradient : gradients) gradient = make("gradient", padded * channel_padding * 4);
     cotangents = make("cotangents", padded * 16);
+    bone_weights = make("weights", padded * weight_stride * 4);
     singular = make("singular", 256);
     device.upload(singular.slice(), std::vector<uint32_t>(64, 0));
     std::vector<double> n;
@@ -40,7 +41,7 @@ struct SkinningAt {
   void record_jacobians(Commands& commands) {
     dense.network.record_pack(commands);
     dense.network.record_forward(commands, dense.tape, {points, {}});
-    record_lbs(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), posed.slice(), transforms.slice(), {}});
+    record_lbs(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), posed.slice(), transforms.slice(), {bone_weights.slice(), weight_stride, 0}});
     JacobianArgs jacobian{{points, {}}, frame.slice(), transforms.slice(), {}, jacobians.slice()};
     for (uint32_t i = 0; i < 3; ++i) {
       record_lbs_backward(commands, {&tree, rows(), dense.tape.output(), frame.slice(), canonical.slice(), {}, i, dense.tape.output_gradient(), {}});
@@ -64,10 +65,11 @@ struct SkinningAt {
 
   Rows rows() const { return {{points, {}}, {}}; }
 
+  static constexpr uint32_t weight_stride = 24;
   uint32_t points;
   JointTree tree;
   DeviceDense dense;
-  Buffer frame, canonical, posed, transforms, jacobians, gradients[3], cotangents, singular;
+  Buffer frame, canonical, posed, transforms, jacobians, gradients[3], cotangents, bone_weights, singular;
 };
 
 }  // namespace arah

@@ -56,6 +56,15 @@ TEST(ChooseSpec, OneJointNeedsNoNetwork) {
   EXPECT_EQ(choose_spec("tiny", {4, 9, 1, false, false}).spec.skinning.kind, Skinning::template_weights);
 }
 
+TEST(ChooseSpec, RefinesPosesThatAreNotStatedToBeExact) {
+  const SpecChoice estimates = choose_spec("tiny", kStudio), exact = choose_spec("tiny", kHome), still = choose_spec("tiny", {12, 9, 24, true, false});
+  EXPECT_TRUE(estimates.pose_refinement);
+  EXPECT_THAT(estimates.reasons, Contains("pose refinement: on, because the capture does not state that its poses are exact"));
+  EXPECT_FALSE(exact.pose_refinement);
+  EXPECT_FALSE(still.pose_refinement);
+  EXPECT_THAT(still.reasons, Contains("pose refinement: off, because there is one pose, which is the canonical one"));
+}
+
 TEST(ChooseSpec, GivesOneReasonAPart) {
   for (const CaptureFacts& facts : {kStudio, kHome, CaptureFacts{1, 1, 1, true, true}}) {
     for (const std::string& preset : preset_names()) {

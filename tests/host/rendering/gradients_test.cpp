@@ -9,9 +9,11 @@
 
 #include "host/rendering/field.h"
 #include "host/rendering/ray_samples.h"
+#include "host/training/pose_refinement.h"
 #include "host/training/skinning_gradient.h"
 #include "kernels/compositing/backward.h"
 #include "kernels/compositing/forward.h"
+#include "host/body/kinematics_gradient.h"
 #include "kernels/reduction/sum.h"
 #include "shaders/shared/ray.h"
 #include "tests/host/rendering/capsule_scene.h"
@@ -98,6 +100,20 @@ class ColorGradients : public DeviceTest {
     device.upload(targets.slice(), posed);
   }
 
+  // The frame in another pose, and the same places of the world as targets of the search.
+  void set_pose(const Pose& pose) {
+    if (world.empty()) {
+      world = device.download<float>(targets.slice());
+      for (size_t i = 0; i < world.size(); ++i)
+        if (i % 4 < 3) world[i] += frame.root_translation()[i % 4];
+    }
+    frame.set_pose(device, avatar, pose);
+    std::vector<float> posed = world;
+    for (size_t i = 0; i < posed.size(); ++i)
+      if (i % 4 < 3) posed[i] -= frame.root_translation()[i % 4];
+    device.upload(targets.slice(), posed);
+  }
+
   Field::Inputs inputs() { return {frame.constants(), canonical.slice(), ray_samples.rays(), rows, transforms.slice()}; }
 
   CompositeForwardArgs composite() {
@@ -138,7 +154,7 @@ class ColorGradients : public DeviceTest {
     return sum;
   }
 
-  std::vector<float> gradients(const std::vector<float>& parameters, bool search) {
+  std::vector<float> gradients(const std::vector<float>& parameters, bool search, PoseGradient* pose = nullptr) {
     device.upload(networks.parameters(), parameters);
     commands.fill(networks.gradients(), 0);
     networks.record_pack(commands, latent_row_used, pose);
@@ -158,7 +174,7 @@ class ColorGradients : public DeviceTest {
     Field::Backward options;
     options.position = true;
     field.record_backward(commands, inputs(), options);
-    skinning.record_from_positions(commands, frame, rows, canonical.slice(), field.position_gradient(), false, scratch.slice());
+    skinning.record_from_positions(commands, frame, rows, canonical.slice(), field.position_gradient(), false, scratch.slice(), {.weights = true, .pose = pose});
     networks.record_unpack(commands, latent_row_used, {}, scratch.slice());
     commands.submit_and_wait();
     return device.download<float>(networks.gradients());
@@ -175,7 +191,7 @@ class ColorGradients : public DeviceTest {
   SkinningGradient skinning;
   PointRootFinder points;
   Buffer colors, d_colors, ray_depths, weights, transmittances, partials, canonical, targets, transforms, scratch;
-  std::vector<float> cotangent, found;
+  std::vector<float> cotangent, found, world;
   uint32_t with_root = 0;
   uint64_t hits = 0;  // of the rays
 };
@@ -226,6 +242,57 @@ TEST_F(ColorGradients, IntegrateToTheLosssChangeInEveryTensor) {
     }
   }
   std::printf("  largest relative difference %.1e\n", worst);
+}
+
+// The same for the pose: rotations of the root and of the joints, and the root's position. Samples stay where they are in the
+// world; their roots are searched again, and the gradient goes through the implicit function theorem, the bones and the
+// kinematics. The colour's normals are turned by the blended transform, which is held fixed on both sides.
+TEST_F(ColorGradients, IntegrateToTheLosssChangeInThePose) {
+  const std::vector<float> parameters = avatar.parameters;
+  const Pose start = bent_pose(avatar.body.skeleton);
+  const size_t joints = start.theta.size(), count = 3 * joints + 3;
+  PoseGradient pose_gradient(device, networks, rows);
+  const auto slopes = [&](const Pose& pose) {
+    set_pose(pose);
+    pose_gradient.record_clear(commands);
+    gradients(parameters, true, &pose_gradient);
+    const std::vector<float> sums = pose_gradient.download();
+    std::vector<glm::dmat4> bones(joints, glm::dmat4(0.0));
+    std::vector<double> result;
+    glm::dvec3 translation(0);
+    for (size_t b = 0; b < joints; ++b) {
+      for (int i = 0; i < 12; ++i) bones[b][i % 4][i / 4] = double{sums[12 * b + size_t(i)]};
+      translation += glm::dvec3(bones[b][3]);
+    }
+    for (const glm::dvec3& g : kinematics_gradient(avatar.body.skeleton, avatar.canonical, pose, bones).theta) result.insert(result.end(), {g.x, g.y, g.z});
+    result.insert(result.end(), {translation.x, translation.y, translation.z});
+    return result;
+  };
+  const auto loss_at = [&](const Pose& pose) {
+    set_pose(pose);
+    return loss(parameters, true);
+  };
+  const auto moved = [&](size_t number, double by) {
+    Pose pose = start;
+    (number < 3 * joints ? pose.theta[number / 3] : pose.root_position)[static_cast<int>(number % 3)] += by;
+    return pose;
+  };
+  const std::vector<double> at_start = slopes(start);
+  const double largest = std::abs(*std::max_element(at_start.begin(), at_start.end(), [](double a, double b) { return std::abs(a) < std::abs(b); }));
+  double worst = 0;
+  for (size_t number = 0; number < count; ++number) {
+    constexpr int parts = 5;
+    const double width = 2e-3;  // radians, metres
+    const double change = loss_at(moved(number, width)) - loss_at(moved(number, -width));
+    double integral = 0;
+    for (int part = 0; part < parts; ++part) integral += 2 * width / parts * slopes(moved(number, (2 * part + 1 - parts) * width / parts))[number];
+    const double apart = std::abs(change - integral) / (2 * width * largest);
+    worst = std::max(worst, apart);
+    std::printf("  %s %zu, axis %zu: change % .5e  integral % .5e  apart %.2e of the largest slope\n", number < 3 * joints ? "joint" : "root position", number < 3 * joints ? number / 3 : 0, number % 3, change, integral,
+                apart);
+    EXPECT_LE(apart, 0.01) << number;
+  }
+  std::printf("  largest difference %.1e of the largest slope\n", worst);
 }
 
 }  // namespace

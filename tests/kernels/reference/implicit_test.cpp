@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -189,6 +190,70 @@ TEST(ImplicitJoint, AgreesWithSearchingAgain) {
   append<3>(analytic, gradient.direction);
   append<3>(analytic, gradient.translation);
   expect_gradient("joint root", loss, scene.p, analytic);
+}
+
+// The gradients of bone transforms and root translation against differences of a loss on roots that are searched again, with a
+// small skinning network and with weights that do not change over space, as a template's vertex gives them.
+TEST(ImplicitPose, AgreesWithSearchingAgain) {
+  for (const bool with_network : {true, false}) {
+    // Sine instead of softplus, whose curvature would blunt the differences.
+    SkinningNetwork network{JointTree({-1, 0, 1, 1}), {{0.1, -0.2, 0.3}, -0.8, 1.1}, {}};
+    const std::size_t points = 5, joints = 4, sizes[] = {3, 6, network.tree.logits()};
+    for (std::size_t l = 0; l < 2; ++l) {
+      DenseLayer layer;
+      layer.inputs = sizes[l], layer.outputs = sizes[l + 1];
+      layer.activation = l < 1 ? Activation::sine : Activation::none;
+      layer.v = random_values(sizes[l] * sizes[l + 1], 1, unsigned(7 + l));
+      layer.g = std::vector<double>(sizes[l + 1], l < 1 ? 1 : with_network ? 0.03 : 0);
+      layer.b = random_values(sizes[l + 1], 0.05, unsigned(9 + l));
+      network.layers.layers.push_back(std::move(layer));
+    }
+    // The numbers that move: the upper three rows of the bones, near the identity, then t.
+    std::vector<double> pose = random_values(joints * 12 + 3, 0.08, 1);
+    for (std::size_t b = 0; b < joints; ++b)
+      for (std::size_t i = 0; i < 3; ++i) pose[12 * b + 5 * i] += 1;
+    const std::vector<double> x_bar = random_values(points * 3, 0.5, 2), upstream = random_values(points * 3, 1, 3);
+    const auto bones = [&] {
+      std::vector<double> matrices(joints * 16, 0.0);
+      for (std::size_t b = 0; b < joints; ++b) {
+        std::copy_n(&pose[12 * b], 12, &matrices[16 * b]);
+        matrices[16 * b + 15] = 1;
+      }
+      return matrices;
+    };
+    const auto roots = [&] {
+      const std::vector<double> transforms = bones();
+      std::vector<double> found;
+      for (std::size_t p = 0; p < points; ++p) {
+        Vector<3> target = row<3>(x_bar, p);
+        for (std::size_t i = 0; i < 3; ++i) target[i] -= pose[12 * joints + i];
+        const std::vector<double> at(target.begin(), target.end());
+        const auto result = find_root<3>(
+            target, identity<4>(), *inverse<3>(matrix<3>(skinning_jacobian(network, transforms, 1, at), 0)),
+            [&](const Vector<3>& x, Matrix<4>&) {
+              const std::vector<double> posed = skinning_forward(network, transforms, 1, std::vector<double>(x.begin(), x.end())).x_bar;
+              return Vector<3>{posed[0] - target[0], posed[1] - target[1], posed[2] - target[2]};
+            },
+            {50, 1e-14, 1, 1e-30});
+        EXPECT_LT(result.residual, 1e-13);
+        append<3>(found, result.root);
+      }
+      return found;
+    };
+    const std::vector<double> x = roots(), jacobians = skinning_jacobian(network, bones(), points, x);
+    std::vector<double> skinned;
+    for (std::size_t p = 0; p < points; ++p) append<3>(skinned, implicit_point_gradient(matrix<3>(jacobians, p), row<3>(upstream, p)).skinned);
+    const PoseImplicitGradient gradient = implicit_pose_gradient(joints, skinning_forward(network, bones(), points, x).weights, x, skinned);
+    std::vector<double> analytic = gradient.bone_transforms;
+    append<3>(analytic, gradient.root_translation);
+    expect_gradient(with_network ? "pose, network" : "pose, constant weights", [&] { return dot(upstream, roots()); }, pose, analytic);
+    // Weights sum to 1, so the translation's gradient is that of all bones moved alike.
+    for (std::size_t i = 0; i < 3; ++i) {
+      double sum = 0;
+      for (std::size_t b = 0; b < joints; ++b) sum += gradient.bone_transforms[12 * b + 4 * i + 3];
+      EXPECT_NEAR(sum, gradient.root_translation[i], 1e-14);
+    }
+  }
 }
 
 TEST(Implicit, SingularJacobiansTeachNothing) {

@@ -8,6 +8,7 @@
 #include "kernels/reference/pose_encoder.h"
 #include "tests/golden.h"
 #include "tests/kernels/reference/finite_differences.h"
+#include "tests/kernels/reference/golden_networks.h"
 
 namespace arah::reference {
 
@@ -35,13 +36,8 @@ inline HyperTrunk random_trunk(const std::vector<std::size_t>& widths, unsigned 
   return trunk;
 }
 
-// SMPL's tree, as all golden cases have it.
-inline std::vector<int> golden_parents() {
-  return {-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21};
-}
-
 inline PoseEncoder golden_pose_encoder(const golden::Case& truth) {
-  return {golden_parents(),
+  return {smpl_parents(),
           truth.values("param.enc.global.W"), truth.values("param.enc.global.b"),
           truth.values("param.enc.l1.W"), truth.values("param.enc.l1.b"),
           truth.values("param.enc.l2.W"), truth.values("param.enc.l2.b")};
