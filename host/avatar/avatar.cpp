@@ -118,8 +118,9 @@ std::string describe(const Avatar& avatar) {
   say("  SDF:{} (sine, omega {}), conditioning {}{}", sizes_text(sdf_widths(spec)), spec.sdf.omega,
       to_string(spec.sdf.conditioning), sizes_text(mapping_widths(spec)));
   std::vector<std::string> inputs{"position"};
-  if (spec.color.view) inputs.push_back("view");
-  if (spec.color.normal) inputs.push_back("normal");
+  const char* canonical = spec.color.directions == DirectionSpace::canonical ? "canonical " : "";
+  if (spec.color.view) inputs.push_back(fmt::format("{}view", canonical));
+  if (spec.color.normal) inputs.push_back(fmt::format("{}normal", canonical));
   if (spec.color.feature) inputs.push_back("SDF feature");
   if (!spec.grid_cells.empty()) inputs.push_back("grid");
   if (spec.color.latent) inputs.push_back("latent");

@@ -95,6 +95,11 @@ void validate_spec(const AvatarSpec& spec, const std::string& where) {
   if (spec.color.skip != -1) in_range("color.skip", spec.color.skip, 1, spec.color.hidden_layers);
   sized(spec.color.skip != -1, "a skip", "color.narrow", spec.color.narrow, kMostWidth);
 
+  if (spec.color.directions != DirectionSpace::observation && !spec.color.view && !spec.color.normal) {
+    throw InputError(where, "color.directions", "observation without color.view and color.normal",
+                     to_string(spec.color.directions));
+  }
+
   const bool latent_read = conditioned || spec.color.latent;
   sized(latent_read, "a reader (sdf.conditioning or color.latent)", "latent_size", spec.latent_size, kMostWidth);
   positive("latent_init_std", spec.latent_init_std, true);
@@ -120,6 +125,10 @@ const char* to_string(Skinning skinning) {
 
 const char* to_string(SdfConditioning conditioning) {
   return conditioning == SdfConditioning::none ? "none" : "latent";
+}
+
+const char* to_string(DirectionSpace space) {
+  return space == DirectionSpace::observation ? "observation" : "canonical";
 }
 
 std::vector<uint32_t> sdf_widths(const AvatarSpec& spec) {

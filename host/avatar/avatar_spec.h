@@ -36,6 +36,11 @@ struct SdfSpec {
   bool operator==(const SdfSpec&) const = default;
 };
 
+// Which axes the view direction v and the normal ∇f go into the colour network in. observation: the world's, v and T(x̂) ∇f.
+// canonical: those of the canonical pose, T(x̂)⁻¹ v and ∇f (ARAH.md section 1, "Normal", and section 3). T(x̂) is the 3 × 3
+// part of the blended bone transforms.
+enum class DirectionSpace { observation, canonical };
+
 // The network's input is [n(x) 3, view 27, normal 3, SDF feature, grid 4 a level, latent], each part if it is on.
 struct ColorSpec {
   uint32_t width = 64;         // of the hidden layers, 1..1024
@@ -46,6 +51,7 @@ struct ColorSpec {
   bool normal = false;         // the SDF's gradient, not of unit length
   bool feature = true;         // the last sine layer's activations
   bool latent = false;         // the frame's code
+  DirectionSpace directions = DirectionSpace::observation;  // of view and normal; observation where both are off
 
   bool operator==(const ColorSpec&) const = default;
 };
@@ -80,7 +86,8 @@ void validate_spec(const AvatarSpec& spec, const std::string& where);
 // Every field by name; numbers read back exactly.
 std::string spec_to_json(const AvatarSpec& spec);
 
-// The other way. Every field must be there and none else. Throws InputError naming `where` and the field: no JSON,
+// The other way. Every field must be there and none else; color.directions, which earlier versions did not write, may be
+// absent and is then observation. Throws InputError naming `where` and the field: no JSON,
 // unknown or missing fields, a wrong type, and what validate_spec refuses.
 AvatarSpec spec_from_json(const std::string& text, const std::string& where);
 
@@ -90,6 +97,7 @@ AvatarSpec spec_with_json(const AvatarSpec& base, const std::string& text, const
 
 const char* to_string(Skinning skinning);
 const char* to_string(SdfConditioning conditioning);
+const char* to_string(DirectionSpace space);
 
 // Widths of each network from its input to its output, w_0 → w_1 → … → w_n for n linear layers; empty where the network
 // is absent. With a skip the layer's input is [input, previous output], which these widths do not count.

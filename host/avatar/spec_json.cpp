@@ -20,11 +20,12 @@ class Fields {
     if (!object.is_object()) throw InputError(where_, path_, "an object", json_excerpt(object));
   }
 
-  const nlohmann::json* take(const char* name) {
+  // added: in a version after the first, so that a complete text may lack it.
+  const nlohmann::json* take(const char* name, bool added = false) {
     known_.insert(name);
     const auto found = object_.find(name);
     if (found != object_.end()) return &*found;
-    if (complete_) throw InputError(where_, field(name), "this field", "none");
+    if (complete_ && !added) throw InputError(where_, field(name), "this field", "none");
     return nullptr;
   }
 
@@ -96,6 +97,14 @@ SdfConditioning parse_conditioning(const std::string& text, const std::string& w
                    planned ? "'" + text + "', which is not in this version" : "'" + text + "'");
 }
 
+DirectionSpace parse_directions(const nlohmann::json& json, const std::string& where, const std::string& field) {
+  const std::string text = json_text(json, where, field);
+  for (DirectionSpace space : {DirectionSpace::observation, DirectionSpace::canonical}) {
+    if (text == to_string(space)) return space;
+  }
+  throw InputError(where, field, "observation or canonical", "'" + text + "'");
+}
+
 AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string& where, bool complete) {
   nlohmann::json json;
   try {
@@ -136,6 +145,9 @@ AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string
     fields.read("normal", spec.color.normal);
     fields.read("feature", spec.color.feature);
     fields.read("latent", spec.color.latent);
+    if (const auto* space = fields.take("directions", true)) {
+      spec.color.directions = parse_directions(*space, where, fields.field("directions"));
+    }
     fields.refuse_others();
   }
   top.read("latent_size", spec.latent_size);
@@ -164,7 +176,8 @@ std::string spec_to_json(const AvatarSpec& spec) {
   json["color"] = {{"width", spec.color.width},     {"hidden_layers", spec.color.hidden_layers},
                    {"skip", spec.color.skip},       {"narrow", spec.color.narrow},
                    {"view", spec.color.view},       {"normal", spec.color.normal},
-                   {"feature", spec.color.feature}, {"latent", spec.color.latent}};
+                   {"feature", spec.color.feature}, {"latent", spec.color.latent},
+                   {"directions", to_string(spec.color.directions)}};
   json["latent_size"] = spec.latent_size;
   json["latent_init_std"] = spec.latent_init_std;
   json["b_init"] = spec.b_init;

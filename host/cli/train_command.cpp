@@ -1,8 +1,10 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "host/avatar/spec_choice.h"
 #include "host/cli/arguments.h"
@@ -26,12 +28,21 @@ struct Options {
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
+constexpr std::string_view kOfSpec = "spec.";  // what the name of a setting of the avatar's spec begins with
+
+// VALUE of NAME=VALUE: JSON, or a word.
+nlohmann::json assigned_value(const std::string& assignment) {
+  const std::string value = assignment.substr(assignment.find('=') + 1);
+  const auto parsed = nlohmann::json::parse(value, nullptr, false);
+  return parsed.is_discarded() ? nlohmann::json(value) : parsed;
+}
+
 // The settings with one of them replaced; a setting of a group is called "sdf.rate".
 TrainingSettings with_setting(const TrainingSettings& settings, const std::string& assignment) {
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos)
     throw InputError("--set", "", "NAME=VALUE", "'" + assignment + "'", "For instance: --set fit_steps=200");
-  const std::string name = assignment.substr(0, equals), value = assignment.substr(equals + 1);
+  const std::string name = assignment.substr(0, equals);
   auto json = nlohmann::json::parse(settings_to_json(settings));
   nlohmann::json* place = &json;
   for (std::size_t from = 0; from <= name.size();) {
@@ -42,9 +53,25 @@ TrainingSettings with_setting(const TrainingSettings& settings, const std::strin
     place = &(*place)[part];
     from = to + 1;
   }
-  const auto parsed = nlohmann::json::parse(value, nullptr, false);
-  *place = parsed.is_discarded() ? nlohmann::json(value) : parsed;
+  *place = assigned_value(assignment);
   return settings_from_json(json.dump(), "--set");
+}
+
+// The spec with the assignments to "spec.…" made, all at once, since one may need another.
+AvatarSpec with_parts(const AvatarSpec& spec, const std::vector<std::string>& assignments) {
+  nlohmann::json stated = nlohmann::json::object();
+  for (const std::string& assignment : assignments) {
+    const std::string name = assignment.substr(0, assignment.find('=')).substr(kOfSpec.size());
+    nlohmann::json* place = &stated;
+    for (std::size_t from = 0; from <= name.size();) {
+      const std::size_t to = std::min(name.find('.', from), name.size());
+      if (!place->is_object()) *place = nlohmann::json::object();
+      place = &(*place)[name.substr(from, to - from)];
+      from = to + 1;
+    }
+    *place = assigned_value(assignment);
+  }
+  return spec_with_json(spec, stated.dump(), "--set: spec");
 }
 
 // What the options ask for: of a new run, or on top of what a run began with.
@@ -66,7 +93,12 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.seed) settings.seed = *options.seed;
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
-  for (const std::string& assignment : options.settings) settings = with_setting(settings, assignment);
+  std::vector<std::string> parts;
+  for (const std::string& assignment : options.settings) {
+    if (assignment.starts_with(kOfSpec) && assignment.find('=') != std::string::npos) parts.push_back(assignment);
+    else settings = with_setting(settings, assignment);
+  }
+  if (!parts.empty()) config.spec = with_parts(config.spec, parts);
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
       throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),
@@ -117,7 +149,7 @@ void add_train_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
       ->excludes(minutes);
   command->add_option("--seed", options->seed, "of first values, pixels and points (default: 0)");
-  command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json; may be repeated")
+  command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json, as half_width=0.04 or spec.color.view=true; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   command->add_option("--keep", options->run.keep_minutes, "minutes, with commas between, after which the avatar is also kept, for arah curve: RUN/kept/minutes_5.safetensors")

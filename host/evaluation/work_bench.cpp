@@ -101,6 +101,7 @@ class Works {
     // the colour.
     TrainingSettings papers = step_settings("paper");
     papers.rays = 128;
+    papers.view_augmentation = 1;  // in every step, so that each takes the same
     papers.eikonal_points = papers.off_surface_points = papers.inside_points = papers.skinning_points = 256;
     AvatarSpec spec = preset_spec("tiny");
     spec.sdf.conditioning = SdfConditioning::latent;
@@ -110,7 +111,7 @@ class Works {
     spec.color.narrow = 32;
     spec.color.view = spec.color.normal = true;
     const Avatar rich = fitted(spec, papers);
-    train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
+    train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples, views rotated", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
 
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
     picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");

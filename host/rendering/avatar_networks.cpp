@@ -32,7 +32,7 @@ DenseShape AvatarNetworks::color_shape() const {
   return spec_.color.skip < 0 ? chain : chain.with_skip(spec_.color.skip);
 }
 
-ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.color.normal, spec_.color.feature ? spec_.sdf.width : 0}; }
+ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.color.normal, spec_.color.feature ? spec_.sdf.width : 0, spec_.color.directions == DirectionSpace::canonical}; }
 
 AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients)
     : spec_(avatar.spec), layout_(avatar.layout), cube_(avatar.cube), tree_(avatar.body.skeleton.parents), grid_(grid_shape(avatar.grid)) {

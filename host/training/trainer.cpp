@@ -13,6 +13,7 @@
 #include "host/avatar/avatar_file.h"
 #include "host/input_error.h"
 #include "host/rendering/memory_plan.h"
+#include "host/training/view_augmentation.h"
 #include "kernels/compositing/backward.h"
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
@@ -72,6 +73,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
       sign_tape(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
+  if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
   if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
   if (settings.sampling.mode == SamplingMode::surface) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
   // Where memory is too short for all rays together, it is short for this too.
@@ -302,7 +304,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
     room_.samples.set_surface(some);
   }
   room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first});
-  if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight})) {
+  if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight, .view_rotation = view_rotation_})) {
     room_.samples.root_finder().restore_counts(counts);  // of a pass that did not happen
     const uint32_t half = padded_points(rays / 2);
     run_pass(frame, batch, hits, first, half, skinning_step);
@@ -360,6 +362,10 @@ StepReport Trainer::step(uint64_t steps_left) {
   device_.upload(room_.targets.slice(), batch.targets);
   if (settings_.ray_importance > 0) device_.upload(room_.ray_weights.slice(), batch.weights);
   upload_regulariser_points();
+  if (avatar_.spec.color.view) {
+    std::mt19937_64 generator = step_generator(settings_.seed, steps_, 3);
+    view_rotation_ = draw_view_rotation(settings_.view_augmentation, generator);
+  }
   const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
     std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);

@@ -120,6 +120,7 @@ class Trainer {
   Room room_;
   std::vector<Group> groups_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
+  std::optional<std::array<float, 9>> view_rotation_;  // of the step's view directions
   uint32_t passes_done_ = 0;     // of the step so far
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t steps_ = 0;

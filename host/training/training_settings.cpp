@@ -52,6 +52,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("root_tolerance", s.sampling.root.tolerance);
   visit("root_correspondence", s.sampling.root.correspondence);
   visit("grid_steps", s.grid_steps);
+  visit("view_augmentation", s.view_augmentation);
   visit("least_weight", s.least_weight);
   visit("color_weight", s.color_weight);
   visit("alpha_weight", s.alpha_weight);
@@ -168,6 +169,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.mask_fraction = 0.5;
     s.sampling.mode = SamplingMode::surface;
     s.sampling.samples = 64;
+    s.view_augmentation = 0.5;
     s.least_weight = 0;
     s.sampling.root.max_iterations = 50;
     s.sampling.root.tolerance = 1e-5f;
@@ -204,6 +206,7 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   if (settings.rays == 0 || settings.sampling.samples == 0) throw InputError(where, "rays, samples", "at least 1", "0");
   // Above, one ray's weight could be more than ten times another's.
   if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
+  if (!(settings.view_augmentation >= 0 && settings.view_augmentation <= 1)) throw InputError(where, "view_augmentation", "a probability from 0 to 1", fmt::format("{}", settings.view_augmentation));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
   if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;

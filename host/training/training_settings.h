@@ -36,6 +36,7 @@ struct TrainingSettings {
   // latter linearly over half_width_steps, so that a shape that is still far from the pictures is seen. 0: half_width from the start.
   double half_width_start = 0;
   uint64_t half_width_steps = 1000;
+  double view_augmentation = 0;  // probability 0..1 that a step rotates the colour's view directions (view_augmentation.h); idle without them
   double least_weight = 1e-3;    // samples whose compositing weight is at most this are black and pass no gradient on; 0: exact
 
   uint64_t grid_steps = 4000;    // steps between two searches at the nodes of all frames' grids (root_correspondence)

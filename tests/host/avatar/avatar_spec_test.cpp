@@ -6,6 +6,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <random>
 
 #include "host/input_error.h"
@@ -68,7 +69,7 @@ TEST(AvatarSpec, OddSpecsSurviveJsonExactly) {
   spec.preset = "odd_1";
   spec.skinning = {Skinning::template_weights, 0, 0};
   spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2};
-  spec.color = {53, 4, 2, 19, true, false, false, false};
+  spec.color = {53, 4, 2, 19, true, false, false, false, DirectionSpace::canonical};
   spec.latent_size = 7;
   spec.latent_init_std = 1.0 / 3.0;
   spec.b_init = 1e-300;
@@ -84,6 +85,10 @@ TEST(AvatarSpec, PartialJsonChangesOnlyWhatItStates) {
   EXPECT_EQ(spec_with_json(base, R"({"sdf": {"width": 96}, "grid_cells": []})", "text"), expected);
   EXPECT_EQ(spec_with_json(base, "{}", "text"), base);
   expect_input_error([] { spec_from_json(R"({"preset": "tiny"})", "file"); }, {"file", "skinning", "none"});
+  // A file of before there was a choice.
+  auto before = nlohmann::json::parse(spec_to_json(preset_spec("paper")));
+  EXPECT_EQ(before["color"].erase("directions"), 1u);
+  EXPECT_EQ(spec_from_json(before.dump(), "file"), preset_spec("paper"));
 }
 
 TEST(AvatarSpec, RefusalsNameTheField) {
@@ -110,6 +115,9 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"skinning": {"kind": "none"}})", {"skinning.width", "0 without"}},
       {R"({"skinning": {"hidden_layers": 0}})", {"skinning.hidden_layers", "found 0"}},
       {R"({"color": {"view": 1}})", {"color.view", "true or false"}},
+      {R"({"color": {"view": true, "directions": "world"}})", {"color.directions", "observation or canonical", "'world'"}},
+      {R"({"color": {"directions": true}})", {"color.directions", "a text"}},
+      {R"({"color": {"directions": "canonical"}})", {"color.directions", "without color.view and color.normal"}},
       {R"({"color": {"skip": 4}})", {"color.skip", "from 1 to 3"}},
       {R"({"color": {"skip": 0}})", {"color.skip", "found 0"}},
       {R"({"color": {"skip": 2}})", {"color.narrow", "found 0"}},

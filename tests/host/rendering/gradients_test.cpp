@@ -21,7 +21,7 @@ namespace {
 constexpr uint32_t ray_count = 31, samples = 34, latent_row_used = 0;
 
 // L = Σ rays (rgb, Σ w) · fixed random numbers, of samples that stay where they are.
-class ColorGradients : public DeviceTest {
+class ColorGradients : public DeviceTest, public testing::WithParamInterface<DirectionSpace> {
  protected:
   ColorGradients()
       : avatar(changed_avatar(device)), networks(device, avatar, true), body(device, avatar.body), frame(device, avatar, body, bent_pose(avatar.body.skeleton), {}),
@@ -56,7 +56,9 @@ class ColorGradients : public DeviceTest {
   // normal and view as strongly as on the density only with larger weights than the initial ones. b is large enough for
   // differences to be taken across several samples.
   static Avatar changed_avatar(Device& device) {
-    Avatar avatar = capsule_avatar(device, small_paper_spec());
+    AvatarSpec spec = small_paper_spec();
+    spec.color.directions = GetParam();
+    Avatar avatar = capsule_avatar(device, spec);
     std::mt19937_64 generator(11);
     std::normal_distribution<float> normal(0, 0.01f);
     for (float& w : avatar.tensor("mapping.2.W")) w += normal(generator);
@@ -180,7 +182,7 @@ class ColorGradients : public DeviceTest {
 
 // The loss's change along a segment of a tensor's parameters is the integral of the analytic slope over it, corners of the
 // networks' ReLUs included, which plain differences smear.
-TEST_F(ColorGradients, IntegrateToTheLosssChangeInEveryTensor) {
+TEST_P(ColorGradients, IntegrateToTheLosssChangeInEveryTensor) {
   EXPECT_GT(hits, ray_count / 3);
   EXPECT_GT(with_root, rows / 2);
   const std::vector<float> start = avatar.parameters, analytic = gradients(start, false);
@@ -225,6 +227,9 @@ TEST_F(ColorGradients, IntegrateToTheLosssChangeInEveryTensor) {
   }
   std::printf("  largest relative difference %.1e\n", worst);
 }
+
+INSTANTIATE_TEST_SUITE_P(DirectionsOf, ColorGradients, testing::Values(DirectionSpace::observation, DirectionSpace::canonical),
+                         [](const auto& info) { return std::string(to_string(info.param)); });
 
 }  // namespace
 }  // namespace arah

@@ -31,6 +31,7 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
   object["ray_importance"] = 0.75;  // a share
+  object["view_augmentation"] = 0.25;  // a probability
   object["around_surface"] = 19;  // odd, and with those before it no more than all
   object["before_surface"] = 18;
   ASSERT_GT(next, 1070) << "fields";
@@ -78,6 +79,7 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   expect_refused(with("/rays", 4294967297u * 2ull), "rays");
   expect_refused(with("/minutes", "ten"), "minutes");
   for (const double share : {-0.1, 0.95, 1e300}) expect_refused(with("/ray_importance", share), "ray_importance");
+  for (const double probability : {-0.1, 1.1}) expect_refused(with("/view_augmentation", probability), "view_augmentation");
   expect_refused(with("/preset", 3), "preset");
   expect_refused(with("/sdf", 1e-4), "sdf");
   expect_refused(with("/sampling_mode", "anywhere"), "sampling_mode");
