@@ -131,6 +131,16 @@ const char* to_string(DirectionSpace space) {
   return space == DirectionSpace::observation ? "observation" : "canonical";
 }
 
+const char* to_string(FieldKind kind) {
+  return kind == FieldKind::sdf ? "sdf" : "density";
+}
+
+void require_surface(const AvatarSpec& spec, const std::string& what) {
+  if (spec.sdf.kind == FieldKind::sdf) return;
+  throw InputError(what, "", "an avatar with a surface (sdf.kind sdf)", "one with sdf.kind density",
+                   "A density is sampled in the shell (sampling_mode=shell) and asked itself (distances=network).");
+}
+
 std::vector<uint32_t> sdf_widths(const AvatarSpec& spec) {
   std::vector<uint32_t> widths(spec.sdf.sine_layers + 2, spec.sdf.width);
   widths.front() = 3;

@@ -25,6 +25,12 @@ struct SkinningSpec {
 // mapping network (ARAH.md section 1).
 enum class SdfConditioning { none, latent };
 
+// What the canonical field's values are. sdf: signed distances, whose density is Laplace's (ARAH.md section 6).
+// density: a canonical radiance field instead, the ablation: a raw density, σ = softplus(−f/b) / b with f in metres
+// (kernels/reference/density.h). It begins as the template's distances too, but has no surface and no terms that keep one: it is
+// sampled in the template's shell, and neither meshed nor baked.
+enum class FieldKind { sdf, density };
+
 struct SdfSpec {
   uint32_t width = 64;       // of the sine layers, and of the feature that the colour network may read, 1..1024
   uint32_t sine_layers = 4;  // 1..16; a linear layer to one number follows
@@ -32,6 +38,7 @@ struct SdfSpec {
   SdfConditioning conditioning = SdfConditioning::none;
   uint32_t mapping_width = 0;          // hidden width of the mapping network, 1..1024; 0 without conditioning
   uint32_t mapping_hidden_layers = 0;  // 1..16; 0 without conditioning
+  FieldKind kind = FieldKind::sdf;
 
   bool operator==(const SdfSpec&) const = default;
 };
@@ -63,7 +70,7 @@ struct AvatarSpec {
   ColorSpec color;
   uint32_t latent_size = 0;      // numbers a frame, 1..1024; 0 where nothing reads a code
   double latent_init_std = 0.1;  // of the codes' normal initial values, >= 0
-  double b_init = 5e-3;          // first value of b, the scale of the Laplace density, metres, > 0
+  double b_init = 5e-3;          // first value of b, the scale of the density, metres, > 0
   std::vector<double>
       grid_cells;  // metres, one a level of the colour's feature grid, at most 4, each > 0; empty: no grid
 
@@ -86,8 +93,8 @@ void validate_spec(const AvatarSpec& spec, const std::string& where);
 // Every field by name; numbers read back exactly.
 std::string spec_to_json(const AvatarSpec& spec);
 
-// The other way. Every field must be there and none else; color.directions, which earlier versions did not write, may be
-// absent and is then observation. Throws InputError naming `where` and the field: no JSON,
+// The other way. Every field must be there and none else; color.directions and sdf.kind, which earlier versions did not
+// write, may be absent and are then observation and sdf. Throws InputError naming `where` and the field: no JSON,
 // unknown or missing fields, a wrong type, and what validate_spec refuses.
 AvatarSpec spec_from_json(const std::string& text, const std::string& where);
 
@@ -98,6 +105,10 @@ AvatarSpec spec_with_json(const AvatarSpec& base, const std::string& text, const
 const char* to_string(Skinning skinning);
 const char* to_string(SdfConditioning conditioning);
 const char* to_string(DirectionSpace space);
+const char* to_string(FieldKind kind);
+
+// Throws InputError where `what` was asked for, which needs a surface, and the avatar has a density instead.
+void require_surface(const AvatarSpec& spec, const std::string& what);
 
 // Widths of each network from its input to its output, w_0 → w_1 → … → w_n for n linear layers; empty where the network
 // is absent. With a skip the layer's input is [input, previous output], which these widths do not count.

@@ -97,12 +97,16 @@ SdfConditioning parse_conditioning(const std::string& text, const std::string& w
                    planned ? "'" + text + "', which is not in this version" : "'" + text + "'");
 }
 
-DirectionSpace parse_directions(const nlohmann::json& json, const std::string& where, const std::string& field) {
+template <typename Word>
+Word parse_word(const nlohmann::json& json, std::initializer_list<Word> words, const std::string& where,
+                const std::string& field) {
   const std::string text = json_text(json, where, field);
-  for (DirectionSpace space : {DirectionSpace::observation, DirectionSpace::canonical}) {
-    if (text == to_string(space)) return space;
+  std::vector<std::string> known;
+  for (Word word : words) {
+    if (text == to_string(word)) return word;
+    known.emplace_back(to_string(word));
   }
-  throw InputError(where, field, "observation or canonical", "'" + text + "'");
+  throw InputError(where, field, fmt::format("{}", fmt::join(known, " or ")), "'" + text + "'");
 }
 
 AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string& where, bool complete) {
@@ -133,6 +137,9 @@ AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string
     spec.sdf.conditioning = parse_conditioning(conditioning, where, fields.field("conditioning"));
     fields.read("mapping_width", spec.sdf.mapping_width);
     fields.read("mapping_hidden_layers", spec.sdf.mapping_hidden_layers);
+    if (const auto* kind = fields.take("kind", true)) {
+      spec.sdf.kind = parse_word(*kind, {FieldKind::sdf, FieldKind::density}, where, fields.field("kind"));
+    }
     fields.refuse_others();
   }
   if (const auto* part = top.take("color")) {
@@ -146,7 +153,7 @@ AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string
     fields.read("feature", spec.color.feature);
     fields.read("latent", spec.color.latent);
     if (const auto* space = fields.take("directions", true)) {
-      spec.color.directions = parse_directions(*space, where, fields.field("directions"));
+      spec.color.directions = parse_word(*space, {DirectionSpace::observation, DirectionSpace::canonical}, where, fields.field("directions"));
     }
     fields.refuse_others();
   }
@@ -172,7 +179,8 @@ std::string spec_to_json(const AvatarSpec& spec) {
                  {"omega", spec.sdf.omega},
                  {"conditioning", to_string(spec.sdf.conditioning)},
                  {"mapping_width", spec.sdf.mapping_width},
-                 {"mapping_hidden_layers", spec.sdf.mapping_hidden_layers}};
+                 {"mapping_hidden_layers", spec.sdf.mapping_hidden_layers},
+                 {"kind", to_string(spec.sdf.kind)}};
   json["color"] = {{"width", spec.color.width},     {"hidden_layers", spec.color.hidden_layers},
                    {"skip", spec.color.skip},       {"narrow", spec.color.narrow},
                    {"view", spec.color.view},       {"normal", spec.color.normal},

@@ -113,6 +113,10 @@ class Works {
     const Avatar rich = fitted(spec, papers);
     train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples, views rotated", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
 
+    AvatarSpec radiance = preset_spec("tiny");
+    radiance.sdf.kind = FieldKind::density;
+    train("step of a density", fmt::format("preset tiny with sdf.kind density, {} rays x {} samples", tiny.rays, tiny.sampling.samples), fitted(radiance, tiny), tiny, 1, settings_.repetitions, settings_.repetitions);
+
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
     picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");
     picture("picture, fast", "20 samples in the shell, correspondences and distances from grids, one colour a ray", plain, "fast");

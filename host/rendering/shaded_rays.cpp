@@ -43,6 +43,7 @@ bool ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.samples.deltas = placed.deltas();
   composite.samples.parameters = networks_.parameters();
   composite.samples.scale_index = networks_.deviation_index();
+  composite.samples.density = networks_.spec().sdf.kind == FieldKind::density ? DensityKind::softplus : DensityKind::laplace;
   composite.delta_mode = placed.delta_mode();
   composite.depths = placed.depths();
   composite.colors = colors();

@@ -68,9 +68,12 @@ uint32_t shaded_in_a_pass(Device& device, const AvatarSpec& spec, const Training
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
     : samples(device, networks, pass_rays, settings.sampling),
-      shaded(device, networks, pass_rays, settings.sampling.samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)),
-      eikonal_tape(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
-      sign_tape(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
+      shaded(device, networks, pass_rays, settings.sampling.samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
+  check_settings(settings, networks.spec(), "training");
+  if (networks.spec().sdf.kind == FieldKind::sdf) {
+    eikonal_tape.emplace(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order);
+    sign_tape.emplace(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order);
+  }
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
   if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
@@ -98,7 +101,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
   squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
   norms = make("norms of gradients", layout.groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
-  scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape.capacity()), networks.sdf().weight_gradient_scratch(sign_tape.capacity()),
+  scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape ? eikonal_tape->capacity() : 1), networks.sdf().weight_gradient_scratch(sign_tape ? sign_tape->capacity() : 1),
                                                                    skinning ? skinning->scratch_floats() : 64, shaded.field().scratch_floats()}));
 }
 
@@ -200,34 +203,36 @@ void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
 }
 
 void Trainer::upload_regulariser_points() {
+  if (!room_.eikonal_tape) return;
   std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1);
   std::uniform_real_distribution<float> cube(-1, 1);
   auto pick = [&](const std::vector<glm::vec3>& pool) { return pool[std::uniform_int_distribution<size_t>(0, pool.size() - 1)(generator)]; };
   auto put = [](std::vector<float>& rows, size_t row, const glm::vec3& n) {
     for (int axis = 0; axis < 3; ++axis) rows[row * channel_padding + static_cast<size_t>(axis)] = n[axis];
   };
-  std::vector<float> eikonal(size_t(room_.eikonal_tape.capacity()) * channel_padding, 0.0f), sign(size_t(room_.sign_tape.capacity()) * channel_padding, 0.0f);
+  std::vector<float> eikonal(size_t(room_.eikonal_tape->capacity()) * channel_padding, 0.0f), sign(size_t(room_.sign_tape->capacity()) * channel_padding, 0.0f);
   for (uint32_t i = 0; i < settings_.eikonal_points; ++i) {
     const float x = cube(generator), y = cube(generator), z = cube(generator);
     put(eikonal, i, {x, y, z});
   }
   for (uint32_t i = 0; i < settings_.off_surface_points; ++i) put(sign, i, avatar_.cube.to_cube(pick(template_samples_.off_surface)));
   for (uint32_t i = 0; i < settings_.inside_points; ++i) put(sign, padded_points(settings_.off_surface_points) + i, avatar_.cube.to_cube(pick(template_samples_.inside)));
-  device_.upload(room_.eikonal_tape.input().slice, eikonal);
-  device_.upload(room_.sign_tape.input().slice, sign);
+  device_.upload(room_.eikonal_tape->input().slice, eikonal);
+  device_.upload(room_.sign_tape->input().slice, sign);
 }
 
 void Trainer::record_regularisers() {
+  if (!room_.eikonal_tape) return;
   // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points.
   const PointRange eikonal{settings_.eikonal_points, {}};
-  networks_.sdf().record_forward(commands_, room_.eikonal_tape, eikonal, true);
-  networks_.sdf().record_gradient(commands_, room_.eikonal_tape, eikonal, true);
+  networks_.sdf().record_forward(commands_, *room_.eikonal_tape, eikonal, true);
+  networks_.sdf().record_gradient(commands_, *room_.eikonal_tape, eikonal, true);
   EikonalLossArgs loss;
   loss.points = settings_.eikonal_points;
   loss.normaliser = 2.0f * float(settings_.eikonal_points);
   loss.weight = static_cast<float>(settings_.eikonal_weight);
-  loss.gradients = room_.eikonal_tape.gradient();
-  loss.d_gradients = room_.eikonal_tape.gradient_cotangent();
+  loss.gradients = room_.eikonal_tape->gradient();
+  loss.d_gradients = room_.eikonal_tape->gradient_cotangent();
   loss.losses = room_.losses.slice();
   loss.slot = eikonal_slot;
   loss.partials = room_.partials.slice();
@@ -236,19 +241,19 @@ void Trainer::record_regularisers() {
   backward.gradient = true;
   backward.accumulate = true;
   backward.scratch = room_.scratch.slice();
-  networks_.sdf().record_backward(commands_, room_.eikonal_tape, eikonal, backward);
+  networks_.sdf().record_backward(commands_, *room_.eikonal_tape, eikonal, backward);
 
   const uint32_t inside_first = padded_points(settings_.off_surface_points);
   const PointRange sign{inside_first + settings_.inside_points, {}};
-  networks_.sdf().record_forward(commands_, room_.sign_tape, sign, true);
+  networks_.sdf().record_forward(commands_, *room_.sign_tape, sign, true);
   auto penalty = [&](SdfPenalty kind, uint32_t first, uint32_t points, double weight, LossSlot slot) {
     SdfPenaltyArgs args;
     args.penalty = kind;
     args.points = points;
     args.normaliser = 2.0f * float(points);
     args.weight = static_cast<float>(weight);
-    args.sdf = room_.sign_tape.sdf().rows_from(first);
-    args.d_sdf = room_.sign_tape.sdf_cotangent().rows_from(first);
+    args.sdf = room_.sign_tape->sdf().rows_from(first);
+    args.d_sdf = room_.sign_tape->sdf_cotangent().rows_from(first);
     args.losses = room_.losses.slice();
     args.slot = slot;
     args.partials = room_.partials.slice();
@@ -257,7 +262,7 @@ void Trainer::record_regularisers() {
   penalty(SdfPenalty::off_surface, 0, settings_.off_surface_points, settings_.off_surface_weight, off_surface_slot);
   penalty(SdfPenalty::inside, inside_first, settings_.inside_points, settings_.inside_weight, inside_slot);
   backward.gradient = false;
-  networks_.sdf().record_backward(commands_, room_.sign_tape, sign, backward);
+  networks_.sdf().record_backward(commands_, *room_.sign_tape, sign, backward);
 }
 
 void Trainer::record_update(Group& group, size_t index) {

@@ -80,7 +80,7 @@ class Trainer {
     RaySamples samples;
     ShadedRays shaded;
     std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
-    SirenTape eikonal_tape, sign_tape;
+    std::optional<SirenTape> eikonal_tape, sign_tape;  // where there is a surface
     std::optional<SkinningGradient> skinning;
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
     Buffer first_moments, second_moments, averages;     // of the parameters

@@ -84,6 +84,7 @@ class TrainingRun {
         folder_(options.folder) {}
 
   RunResult run() {
+    check_settings(settings_, config_.spec, "training");
     std::optional<SafetensorsFile> saved;
     if (options_.resume) {
       folder_.reopen(config_);

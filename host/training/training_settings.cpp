@@ -215,6 +215,11 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   return settings;
 }
 
+void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where) {
+  if (spec.sdf.kind == FieldKind::density && settings.sampling.mode != SamplingMode::shell)
+    throw InputError(where, "sampling_mode", "shell with sdf.kind density, which has no surface to search", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
+}
+
 double half_width(const TrainingSettings& settings, uint64_t step) {
   const double end = settings.sampling.half_width;
   if (settings.half_width_start == 0 || step >= settings.half_width_steps) return end;

@@ -42,6 +42,7 @@ struct TrainingSettings {
   uint64_t grid_steps = 4000;    // steps between two searches at the nodes of all frames' grids (root_correspondence)
 
   double color_weight = 30, alpha_weight = 1;
+  // The first three act on a surface; with sdf.kind density they are idle.
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
   uint32_t eikonal_points = 256, off_surface_points = 128, inside_points = 128, skinning_points = 256;
   uint32_t skinning_every = 8;  // steps: the skinning network learns from colours and from the template every so often; 0: never
@@ -64,6 +65,9 @@ TrainingSettings preset_settings(const std::string& preset);
 std::string settings_to_json(const TrainingSettings& settings);
 // Every field must be there and none else; InputError naming `where` and the field otherwise.
 TrainingSettings settings_from_json(const std::string& text, const std::string& where);
+
+// Throws InputError naming `where` and the setting that does not go with such an avatar.
+void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where);
 
 // Of the dense samples around the surface at a step, metres.
 double half_width(const TrainingSettings& settings, uint64_t step);

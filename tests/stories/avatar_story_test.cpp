@@ -303,7 +303,7 @@ TEST_F(Stories, MemoryStaysBelowItsCeiling) {
 
 // The first start compiles and says so; the next one reads the driver's cache.
 TEST_F(Stories, PartsOfTheAvatarAreSetByName) {
-  const Outcome trained = arah(training("parts_by_name", {"--steps", "2", "--set", "spec.color.directions=canonical", "--set", "spec.color.view=true", "--set",
+  const Outcome trained = arah(training("parts_by_name", {"--steps", "2", "--size", "64", "--set", "root_correspondence=search", "--set", "spec.color.directions=canonical", "--set", "spec.color.view=true", "--set",
                                                           "spec.color.normal=true", "--set", "view_augmentation=1"}));
   ASSERT_EQ(trained.code, 0) << trained.errors;
   const AvatarSpec spec = load_avatar(at("parts_by_name/avatar.safetensors")).spec;

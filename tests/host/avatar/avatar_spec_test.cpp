@@ -68,7 +68,7 @@ TEST(AvatarSpec, OddSpecsSurviveJsonExactly) {
   AvatarSpec spec;
   spec.preset = "odd_1";
   spec.skinning = {Skinning::template_weights, 0, 0};
-  spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2};
+  spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2, FieldKind::density};
   spec.color = {53, 4, 2, 19, true, false, false, false, DirectionSpace::canonical};
   spec.latent_size = 7;
   spec.latent_init_std = 1.0 / 3.0;
@@ -88,6 +88,7 @@ TEST(AvatarSpec, PartialJsonChangesOnlyWhatItStates) {
   // A file of before there was a choice.
   auto before = nlohmann::json::parse(spec_to_json(preset_spec("paper")));
   EXPECT_EQ(before["color"].erase("directions"), 1u);
+  EXPECT_EQ(before["sdf"].erase("kind"), 1u);
   EXPECT_EQ(spec_from_json(before.dump(), "file"), preset_spec("paper"));
 }
 
@@ -109,6 +110,7 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"sdf": {"omega": 1e999}})", {"JSON"}},
       {R"({"sdf": {"conditioning": "pose_hypernetwork"}})", {"sdf.conditioning", "not in this version"}},
       {R"({"sdf": {"conditioning": "magic"}})", {"sdf.conditioning", "'magic'"}},
+      {R"({"sdf": {"kind": "occupancy"}})", {"sdf.kind", "sdf or density", "'occupancy'"}},
       {R"({"sdf": {"conditioning": "latent"}})", {"sdf.mapping_width", "from 1 to"}},
       {R"({"sdf": {"mapping_width": 8}})", {"sdf.mapping_width", "0 without conditioning"}},
       {R"({"skinning": {"kind": "grid"}})", {"skinning.kind", "not in this version"}},

@@ -95,6 +95,21 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   EXPECT_THROW(settings_from_json("[]", "config.json"), InputError);
 }
 
+TEST(TrainingSettingsTest, ADensityHasNoSurfaceToSampleAround) {
+  AvatarSpec spec = preset_spec("paper");
+  TrainingSettings settings = preset_settings("paper");
+  EXPECT_NO_THROW(check_settings(settings, spec, "training"));
+  spec.sdf.kind = FieldKind::density;
+  try {
+    check_settings(settings, spec, "training");
+    ADD_FAILURE() << "accepted";
+  } catch (const InputError& error) {
+    for (const char* part : {"training", "sampling_mode", "density", "surface"}) EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
+  }
+  settings.sampling.mode = SamplingMode::shell;
+  EXPECT_NO_THROW(check_settings(settings, spec, "training"));
+}
+
 TEST(TrainingSettingsTest, RatesAreFrozenThenWarmedUpThenFallAlongACosine) {
   TrainingSettings settings;
   settings.end_fraction = 0.2;
