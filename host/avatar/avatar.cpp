@@ -114,7 +114,7 @@ std::string describe(const Avatar& avatar) {
       avatar.body.skeleton.size());
   say("  canonical cube: center ({:.3f}, {:.3f}, {:.3f}) m, {:.4f} m to a unit", avatar.cube.center.x,
       avatar.cube.center.y, avatar.cube.center.z, avatar.cube.metres_per_unit());
-  say("  skinning: {}{}", to_string(spec.skinning.kind), sizes_text(skinning_widths(spec, logits)));
+  say("  skinning: {}{}", to_string(spec.skinning.kind), sizes_text(skinning_widths(spec, logits, static_cast<uint32_t>(avatar.body.skeleton.size()))));
   say("  {}:{} (sine, omega {}), conditioning {}{}", spec.sdf.kind == FieldKind::sdf ? "SDF" : "density", sizes_text(sdf_widths(spec)), spec.sdf.omega,
       to_string(spec.sdf.conditioning), sizes_text(mapping_widths(spec)));
   std::vector<std::string> inputs{"position"};

@@ -79,7 +79,7 @@ void validate_spec(const AvatarSpec& spec, const std::string& where) {
     throw InputError(where, "preset", "letters, digits and _", "'" + spec.preset + "'");
   }
 
-  const bool network = spec.skinning.kind == Skinning::network;
+  const bool network = spec.skinning.learned();
   sized(network, "a skinning network", "skinning.width", spec.skinning.width, kMostWidth);
   sized(network, "a skinning network", "skinning.hidden_layers", spec.skinning.hidden_layers, kMostLayers);
 
@@ -119,6 +119,8 @@ const char* to_string(Skinning skinning) {
       return "template_weights";
     case Skinning::network:
       return "network";
+    case Skinning::backward:
+      return "backward";
   }
   return "unknown";
 }
@@ -136,6 +138,10 @@ const char* to_string(FieldKind kind) {
 }
 
 void require_surface(const AvatarSpec& spec, const std::string& what) {
+  if (spec.skinning.kind == Skinning::backward) {
+    throw InputError(what, "", "an avatar whose skinning leads to posed space", "one with skinning.kind backward",
+                     "It is sampled in the shell (sampling_mode=shell).");
+  }
   if (spec.sdf.kind == FieldKind::sdf) return;
   throw InputError(what, "", "an avatar with a surface (sdf.kind sdf)", "one with sdf.kind density",
                    "A density is sampled in the shell (sampling_mode=shell) and asked itself (distances=network).");
@@ -156,10 +162,10 @@ std::vector<uint32_t> mapping_widths(const AvatarSpec& spec) {
   return widths;
 }
 
-std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits) {
-  if (spec.skinning.kind != Skinning::network) return {};
+std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits, uint32_t joints) {
+  if (!spec.skinning.learned()) return {};
   std::vector<uint32_t> widths(spec.skinning.hidden_layers + 2, spec.skinning.width);
-  widths.front() = 3;
+  widths.front() = 3 + (spec.skinning.kind == Skinning::backward ? pose_inputs(joints) : 0);
   widths.back() = logits;
   return widths;
 }

@@ -11,12 +11,17 @@ namespace arah {
 // none: the body never moves. The canonical pose is the one pose of the capture (Avatar::canonical).
 // template_weights: a point follows the weights of the template's nearest vertex.
 // network: weight-normalised layers with softplus(100), logits times 20, hierarchical softmax (ARAH.md section 2).
-enum class Skinning { none, template_weights, network };
+// backward: the ablation that learns the inverse instead of searching it: a network of the same kind, but of posed points (in the
+// axes of the posed root joint) and of the rotations of all other joints, gives the weights whose blend is inverted (paper, App.
+// "Ablation on Learned forward LBS"). It knows no way from canonical to posed space: no surface is searched or meshed.
+enum class Skinning { none, template_weights, network, backward };
 
 struct SkinningSpec {
   Skinning kind = Skinning::network;
-  uint32_t width = 0;          // of the hidden layers, 1..1024; 0 unless kind is network
-  uint32_t hidden_layers = 0;  // 1..16: one fewer than linear layers; 0 unless kind is network
+  uint32_t width = 0;          // of the hidden layers, 1..1024; 0 unless learned()
+  uint32_t hidden_layers = 0;  // 1..16: one fewer than linear layers; 0 unless learned()
+
+  bool learned() const { return kind == Skinning::network || kind == Skinning::backward; }
 
   bool operator==(const SkinningSpec&) const = default;
 };
@@ -107,7 +112,8 @@ const char* to_string(SdfConditioning conditioning);
 const char* to_string(DirectionSpace space);
 const char* to_string(FieldKind kind);
 
-// Throws InputError where `what` was asked for, which needs a surface, and the avatar has a density instead.
+// Throws InputError where `what` was asked for, which needs a surface, and the avatar has a density
+// instead, or skinning that does not lead to posed space.
 void require_surface(const AvatarSpec& spec, const std::string& what);
 
 // Widths of each network from its input to its output, w_0 → w_1 → … → w_n for n linear layers; empty where the network
@@ -115,7 +121,9 @@ void require_surface(const AvatarSpec& spec, const std::string& what);
 std::vector<uint32_t> sdf_widths(const AvatarSpec& spec);  // 3 → width … → 1
 std::vector<uint32_t> mapping_widths(
     const AvatarSpec& spec);  // latent → … → 2 · sine layers · width: all γ, then all η
-std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits);  // 3 → width … → logits
+// 3 → width … → logits; with Skinning::backward 3 and the rotations of all joints but the first, 9 numbers each
+std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits, uint32_t joints);
+constexpr uint32_t pose_inputs(uint32_t joints) { return 9 * (joints - 1); }
 std::vector<uint32_t> color_widths(const AvatarSpec& spec);                      // input → width … → 3
 
 }  // namespace arah

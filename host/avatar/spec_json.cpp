@@ -81,10 +81,10 @@ class Fields {
 };
 
 Skinning parse_skinning(const std::string& text, const std::string& where, const std::string& field) {
-  for (Skinning kind : {Skinning::none, Skinning::template_weights, Skinning::network}) {
+  for (Skinning kind : {Skinning::none, Skinning::template_weights, Skinning::network, Skinning::backward}) {
     if (text == to_string(kind)) return kind;
   }
-  throw InputError(where, field, "none, template_weights or network",
+  throw InputError(where, field, "none, template_weights, network or backward",
                    text == "grid" ? "'grid', which is not in this version" : "'" + text + "'");
 }
 

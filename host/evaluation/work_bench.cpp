@@ -117,6 +117,10 @@ class Works {
     radiance.sdf.kind = FieldKind::density;
     train("step of a density", fmt::format("preset tiny with sdf.kind density, {} rays x {} samples", tiny.rays, tiny.sampling.samples), fitted(radiance, tiny), tiny, 1, settings_.repetitions, settings_.repetitions);
 
+    AvatarSpec backward = preset_spec("tiny");
+    backward.skinning.kind = Skinning::backward;
+    train("step, backward skinning", fmt::format("preset tiny with skinning.kind backward, {} rays x {} samples", tiny.rays, tiny.sampling.samples), fitted(backward, tiny), tiny, 1, settings_.repetitions, settings_.repetitions);
+
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
     picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");
     picture("picture, fast", "20 samples in the shell, correspondences and distances from grids, one colour a ray", plain, "fast");

@@ -39,6 +39,8 @@ class AvatarNetworks {
   // For pictures with cooperative matrices: the SDF's and the colour's inner layers keep weights of halves too, from the next
   // record_pack on.
   void make_half_weights(Device& device);
+  // Skinning::backward: the pose that the next record_pack is for, of FrameOnDevice::joint_rotations; nothing for other kinds.
+  void record_pose(Commands& commands, const BufferSlice& joint_rotations);
   // Packs all weights for the frames that use row `latent_row`: after every change of parameters or of the row.
   void record_pack(Commands& commands, std::size_t latent_row);
   // Effective gradients of the parts → raw gradients (+=), the code's gradient → row `latent_row` of latent's (=).
@@ -50,7 +52,7 @@ class AvatarNetworks {
   uint64_t unpack_scratch() const;  // floats
 
   Siren& sdf() { return *sdf_; }
-  DenseNetwork& skinning() { return *skinning_; }  // only with Skinning::network
+  DenseNetwork& skinning() { return *skinning_; }  // only with SkinningSpec::learned()
   DenseNetwork& color() { return *color_; }
   SirenShape sdf_shape() const;
   DenseShape skinning_shape() const;
@@ -66,7 +68,7 @@ class AvatarNetworks {
   CubeNormalization cube_;
   JointTree tree_;
   FeatureGridShape grid_;
-  Buffer parameters_, gradients_, code_, code_gradient_;
+  Buffer parameters_, gradients_, code_, code_gradient_, pose_;
   std::optional<Siren> sdf_;
   std::optional<DenseNetwork> skinning_, color_, mapping_;
   std::optional<DenseTape> mapping_tape_;

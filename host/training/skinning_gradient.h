@@ -17,15 +17,21 @@ class SkinningGradient {
   SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points);
   uint64_t scratch_floats() const;
 
+  // Skinning::backward: the posed points of the rows are targets[samples].
+  struct Posed {
+    BufferSlice targets, samples;
+  };
   // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=, or += with
   // accumulate).
-  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch);
+  void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch, const Posed& posed = {});
 
-  // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
-  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);
+  // Uploads a batch of `points` of the pool, with Skinning::backward moved by these bones; then the loss and its effective weight gradients (=, or += with accumulate).
+  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones);
   void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
 
  private:
+  bool asks_posed_points() const { return networks_.spec().skinning.kind == Skinning::backward; }
+
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t points_;

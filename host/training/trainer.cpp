@@ -77,7 +77,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
   if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
-  if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
+  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
   if (settings.sampling.mode == SamplingMode::surface) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
   // Where memory is too short for all rays together, it is short for this too.
   if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
@@ -355,7 +355,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   field_back.grid_clamped = room_.grid_clamped.slice();
   field.record_backward(commands_, room_.shaded.inputs(), field_back);
   commands_.stage("skinning backward");
-  if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), first > 0, room_.scratch.slice());
+  if (skinning_step) room_.skinning->record_from_positions(commands_, frame, room_.shaded.inputs().rows, room_.shaded.inputs().canonical, field.position_gradient(), first > 0, room_.scratch.slice(), {room_.samples.root_finder().targets(), room_.shaded.inputs().samples});
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
 }
 
@@ -374,13 +374,14 @@ StepReport Trainer::step(uint64_t steps_left) {
   const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
     std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
-    room_.skinning->set_surface(template_samples_.surface, generator);
+    room_.skinning->set_surface(template_samples_.surface, generator, frame.bones());
   }
 
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
   commands_.stage("weights");
+  networks_.record_pose(commands_, frame.joint_rotations());
   networks_.record_pack(commands_, row);
   room_.samples.root_finder().reset_counts();
   shaded_samples_ = passes_done_ = 0;

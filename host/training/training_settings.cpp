@@ -216,6 +216,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
 }
 
 void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where) {
+  if (spec.skinning.kind == Skinning::backward && settings.sampling.mode != SamplingMode::shell)
+    throw InputError(where, "sampling_mode", "shell with skinning.kind backward, which knows no way from the surface to posed space", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
   if (spec.sdf.kind == FieldKind::density && settings.sampling.mode != SamplingMode::shell)
     throw InputError(where, "sampling_mode", "shell with sdf.kind density, which has no surface to search", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
 }

@@ -26,16 +26,24 @@ TEST(AvatarSpec, PaperPresetHasTheReleasedSizes) {
   const AvatarSpec spec = preset_spec("paper");
   EXPECT_THAT(sdf_widths(spec), ElementsAre(3, 256, 256, 256, 256, 256, 256, 1));
   EXPECT_THAT(mapping_widths(spec), ElementsAre(128, 256, 256, 256, 3072));
-  EXPECT_THAT(skinning_widths(spec, 25), ElementsAre(3, 128, 128, 128, 128, 25));
+  EXPECT_THAT(skinning_widths(spec, 25, 24), ElementsAre(3, 128, 128, 128, 128, 25));
   EXPECT_THAT(color_widths(spec), ElementsAre(417, 256, 256, 128, 256, 256, 3));
   EXPECT_EQ(spec.color.skip, 3);
+}
+
+TEST(AvatarSpec, ABackwardNetworkTakesThePoseToo) {
+  AvatarSpec spec = preset_spec("paper");
+  spec.skinning.kind = Skinning::backward;
+  EXPECT_NO_THROW(validate_spec(spec, "spec"));
+  EXPECT_THAT(skinning_widths(spec, 25, 24), ElementsAre(3 + 23 * 9, 128, 128, 128, 128, 25));
+  EXPECT_EQ(spec_from_json(spec_to_json(spec), "spec"), spec);
 }
 
 TEST(AvatarSpec, TinyPresetIsTheRecipe) {
   const AvatarSpec spec = preset_spec("tiny");
   EXPECT_THAT(sdf_widths(spec), ElementsAre(3, 64, 64, 64, 64, 1));
   EXPECT_THAT(mapping_widths(spec), IsEmpty());
-  EXPECT_THAT(skinning_widths(spec, 25), ElementsAre(3, 64, 64, 25));
+  EXPECT_THAT(skinning_widths(spec, 25, 24), ElementsAre(3, 64, 64, 25));
   // x 3, SDF feature 64, two grid levels of 4, latent 16.
   EXPECT_THAT(color_widths(spec), ElementsAre(3 + 64 + 8 + 16, 64, 64, 64, 3));
 }

@@ -191,6 +191,36 @@ TEST_F(TrainerTest, ViewAugmentationChangesColoursAloneAndContinuesBitForBit) {
   }
 }
 
+// The backward network learns from the pictures alone too, whose gradient reaches it through the correspondences; its pose is
+// that of each step's frame, also in a run that continues.
+TEST_F(TrainerTest, ABackwardSkinningNetworkLearnsFromPicturesAndContinuesBitForBit) {
+  AvatarSpec spec = small_spec();
+  spec.skinning.kind = Skinning::backward;
+  spec.color.normal = true;
+  Avatar avatar = make_avatar(spec, small_capture(), 3);
+  TrainingSettings settings = small_settings();
+  settings.skinning_every = 1;
+  settings.skinning_weight = 0;
+  fit_template(device, avatar, settings);
+  const auto make = [&] { return Trainer(device, small_capture(), avatar, settings); };
+  Trainer whole = make();
+  const std::vector<StepReport> reports = train(whole, 8);
+  for (const StepReport& report : reports) EXPECT_TRUE(std::isfinite(report.total));
+  const std::vector<float> trained = parameters(whole);
+  const ParameterGroup& group = avatar.layout.group("skinning");
+  double moved = 0;
+  for (uint64_t i = group.begin; i < group.end; ++i) moved = std::max(moved, std::abs(double{trained[i]} - avatar.parameters[i]));
+  EXPECT_GT(moved, 1e-4);
+  Trainer first = make();
+  train(first, 5);
+  const std::filesystem::path path = small_capture().path / "backward.safetensors";
+  write_safetensors(path, first.checkpoint());
+  Trainer second = make();
+  second.resume(read_safetensors(path));
+  expect_same(train(second, 8), {reports.begin() + 5, reports.end()});
+  EXPECT_TRUE(same_bits(parameters(second), trained));
+}
+
 // What is learnt from is the same in the mean. The avatar stands still, so that all steps are draws of one number.
 TEST_F(TrainerTest, LossesOfRaysByImportanceAreThoseOfChanceInTheMean) {
   TrainingSettings settings = small_settings();

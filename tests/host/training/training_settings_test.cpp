@@ -106,6 +106,9 @@ TEST(TrainingSettingsTest, ADensityHasNoSurfaceToSampleAround) {
   } catch (const InputError& error) {
     for (const char* part : {"training", "sampling_mode", "density", "surface"}) EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
   }
+  spec.sdf.kind = FieldKind::sdf;
+  spec.skinning.kind = Skinning::backward;  // nor a way to one
+  EXPECT_THROW(check_settings(settings, spec, "training"), InputError);
   settings.sampling.mode = SamplingMode::shell;
   EXPECT_NO_THROW(check_settings(settings, spec, "training"));
 }
