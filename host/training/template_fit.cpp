@@ -17,7 +17,8 @@ namespace {
 constexpr uint32_t points = 2048;  // a step
 constexpr double distance_weight = 10, eikonal_weight = 0.1;  // RECIPE.md §1, "init"
 constexpr uint64_t eikonal_every = 4;
-constexpr double pose_deviation = 0.3;  // radians about each axis of each joint, of the poses that a backward network begins with
+// Radians about each axis of each joint, of the poses that a backward network begins with.
+constexpr double deviation_from_rest = 0.3, deviation_from_given = 0.05;
 constexpr double end_fraction = 0.02;  // of the rate, by a cosine
 
 // Adam over one group of the flat buffer.
@@ -55,7 +56,7 @@ double rate_at(double rate, uint32_t step, uint32_t steps) {
 
 }  // namespace
 
-TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress) {
+TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress, const std::vector<Pose>& poses) {
   const TemplateSamples samples = draw_template_samples(avatar, settings.seed);
   AvatarNetworks networks(device, avatar, true);
   Commands commands(device);
@@ -140,9 +141,9 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
     const auto joints = static_cast<uint32_t>(avatar.body.skeleton.size());
     Buffer rotations(device, "fit: rotations of joints", std::max(pose_inputs(joints) * 4ull, 256ull), BufferPlace::device);
     const auto take_pose = [&] {
-      std::normal_distribution<double> angle(0, pose_deviation);
-      Pose pose = rest_pose(avatar.body.skeleton);
-      for (glm::dvec3& theta : pose.theta) theta = {angle(generator), angle(generator), angle(generator)};
+      std::normal_distribution<double> angle(0, poses.empty() ? deviation_from_rest : deviation_from_given);
+      Pose pose = poses.empty() ? rest_pose(avatar.body.skeleton) : poses[std::uniform_int_distribution<size_t>(0, poses.size() - 1)(generator)];
+      for (glm::dvec3& theta : pose.theta) theta += glm::dvec3{angle(generator), angle(generator), angle(generator)};
       bones = bone_transforms(avatar.body.skeleton, avatar.canonical, pose);
       const FrameConstants constants = frame_constants(avatar.cube, bones, glm::dvec3(0));
       device.upload(frame.slice(), &constants, sizeof constants);
