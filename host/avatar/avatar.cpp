@@ -131,16 +131,17 @@ std::string describe(const Avatar& avatar) {
       avatar.body.skeleton.size());
   say("  canonical cube: center ({:.3f}, {:.3f}, {:.3f}) m, {:.4f} m to a unit", avatar.cube.center.x,
       avatar.cube.center.y, avatar.cube.center.z, avatar.cube.metres_per_unit());
-  say("  skinning: {}{}", to_string(spec.skinning.kind), sizes_text(skinning_widths(spec, logits)));
-  say("  SDF:{} (sine, omega {}), conditioning {}{}", sizes_text(sdf_widths(spec)), spec.sdf.omega,
+  say("  skinning: {}{}", to_string(spec.skinning.kind), sizes_text(skinning_widths(spec, logits, static_cast<uint32_t>(avatar.body.skeleton.size()))));
+  say("  {}:{} (sine, omega {}), conditioning {}{}", spec.sdf.kind == FieldKind::sdf ? "SDF" : "density", sizes_text(sdf_widths(spec)), spec.sdf.omega,
       to_string(spec.sdf.conditioning), sizes_text(mapping_widths(spec)));
   if (spec.sdf.pose != PoseConditioning::none) {
     say("  SDF by pose: {}{} a layer", to_string(spec.sdf.pose),
         sizes_text(pose_widths(spec, static_cast<uint32_t>(avatar.body.skeleton.size()))));
   }
   std::vector<std::string> inputs{"position"};
-  if (spec.color.view) inputs.push_back("view");
-  if (spec.color.normal) inputs.push_back("normal");
+  const char* canonical = spec.color.directions == DirectionSpace::canonical ? "canonical " : "";
+  if (spec.color.view) inputs.push_back(fmt::format("{}view", canonical));
+  if (spec.color.normal) inputs.push_back(fmt::format("{}normal", canonical));
   if (spec.color.feature) inputs.push_back("SDF feature");
   if (!spec.grid_cells.empty()) inputs.push_back("grid");
   if (spec.color.latent) inputs.push_back("latent");

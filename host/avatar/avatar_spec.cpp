@@ -79,7 +79,7 @@ void validate_spec(const AvatarSpec& spec, const std::string& where) {
     throw InputError(where, "preset", "letters, digits and _", "'" + spec.preset + "'");
   }
 
-  const bool network = spec.skinning.kind == Skinning::network;
+  const bool network = spec.skinning.learned();
   sized(network, "a skinning network", "skinning.width", spec.skinning.width, kMostWidth);
   sized(network, "a skinning network", "skinning.hidden_layers", spec.skinning.hidden_layers, kMostLayers);
 
@@ -101,6 +101,11 @@ void validate_spec(const AvatarSpec& spec, const std::string& where) {
   if (spec.color.skip != -1) in_range("color.skip", spec.color.skip, 1, spec.color.hidden_layers);
   sized(spec.color.skip != -1, "a skip", "color.narrow", spec.color.narrow, kMostWidth);
 
+  if (spec.color.directions != DirectionSpace::observation && !spec.color.view && !spec.color.normal) {
+    throw InputError(where, "color.directions", "observation without color.view and color.normal",
+                     to_string(spec.color.directions));
+  }
+
   const bool latent_read = conditioned || spec.color.latent;
   sized(latent_read, "a reader (sdf.conditioning or color.latent)", "latent_size", spec.latent_size, kMostWidth);
   positive("latent_init_std", spec.latent_init_std, true);
@@ -120,6 +125,8 @@ const char* to_string(Skinning skinning) {
       return "template_weights";
     case Skinning::network:
       return "network";
+    case Skinning::backward:
+      return "backward";
   }
   return "unknown";
 }
@@ -138,6 +145,24 @@ const char* to_string(PoseConditioning pose) {
       return "hypernetwork";
   }
   return "unknown";
+}
+
+const char* to_string(DirectionSpace space) {
+  return space == DirectionSpace::observation ? "observation" : "canonical";
+}
+
+const char* to_string(FieldKind kind) {
+  return kind == FieldKind::sdf ? "sdf" : "density";
+}
+
+void require_surface(const AvatarSpec& spec, const std::string& what) {
+  if (spec.skinning.kind == Skinning::backward) {
+    throw InputError(what, "", "an avatar whose skinning leads to posed space", "one with skinning.kind backward",
+                     "It is sampled in the shell (sampling_mode=shell).");
+  }
+  if (spec.sdf.kind == FieldKind::sdf) return;
+  throw InputError(what, "", "an avatar with a surface (sdf.kind sdf)", "one with sdf.kind density",
+                   "A density is sampled in the shell (sampling_mode=shell) and asked itself (distances=network).");
 }
 
 std::vector<uint32_t> sdf_widths(const AvatarSpec& spec) {
@@ -162,10 +187,10 @@ std::vector<uint32_t> pose_widths(const AvatarSpec& spec, uint32_t joints) {
   return widths;
 }
 
-std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits) {
-  if (spec.skinning.kind != Skinning::network) return {};
+std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits, uint32_t joints) {
+  if (!spec.skinning.learned()) return {};
   std::vector<uint32_t> widths(spec.skinning.hidden_layers + 2, spec.skinning.width);
-  widths.front() = 3;
+  widths.front() = 3 + (spec.skinning.kind == Skinning::backward ? pose_inputs(joints) : 0);
   widths.back() = logits;
   return widths;
 }

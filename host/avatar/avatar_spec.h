@@ -11,12 +11,17 @@ namespace arah {
 // none: the body never moves. The canonical pose is the one pose of the capture (Avatar::canonical).
 // template_weights: a point follows the weights of the template's nearest vertex.
 // network: weight-normalised layers with softplus(100), logits times 20, hierarchical softmax (ARAH.md section 2).
-enum class Skinning { none, template_weights, network };
+// backward: the ablation that learns the inverse instead of searching it: a network of the same kind, but of posed points (in the
+// axes of the posed root joint) and of the rotations of all other joints, gives the weights whose blend is inverted (paper, App.
+// "Ablation on Learned forward LBS"). It knows no way from canonical to posed space: no surface is searched or meshed.
+enum class Skinning { none, template_weights, network, backward };
 
 struct SkinningSpec {
   Skinning kind = Skinning::network;
-  uint32_t width = 0;          // of the hidden layers, 1..1024; 0 unless kind is network
-  uint32_t hidden_layers = 0;  // 1..16: one fewer than linear layers; 0 unless kind is network
+  uint32_t width = 0;          // of the hidden layers, 1..1024; 0 unless learned()
+  uint32_t hidden_layers = 0;  // 1..16: one fewer than linear layers; 0 unless learned()
+
+  bool learned() const { return kind == Skinning::network || kind == Skinning::backward; }
 
   bool operator==(const SkinningSpec&) const = default;
 };
@@ -29,6 +34,11 @@ enum class SdfConditioning { none, latent };
 // low_rank: each layer's matrix changes by outer products whose factors the pose sets. hypernetwork: the paper's, which
 // makes every number of the SDF from the pose.
 enum class PoseConditioning { none, low_rank, hypernetwork };
+// What the canonical field's values are. sdf: signed distances, whose density is Laplace's (ARAH.md section 6).
+// density: a canonical radiance field instead, the ablation: a raw density, σ = softplus(−f/b) / b with f in metres
+// (kernels/reference/density.h). It begins as the template's distances too, but has no surface and no terms that keep one: it is
+// sampled in the template's shell, and neither meshed nor baked.
+enum class FieldKind { sdf, density };
 
 struct SdfSpec {
   uint32_t width = 64;       // of the sine layers, and of the feature that the colour network may read, 1..1024
@@ -40,9 +50,15 @@ struct SdfSpec {
   PoseConditioning pose = PoseConditioning::none;
   uint32_t pose_width = 0;          // of the hypernetwork's hidden layers; the rank. A multiple of 8 to 1024; 0 without pose
   uint32_t pose_hidden_layers = 0;  // 1..16; 0 without pose
+  FieldKind kind = FieldKind::sdf;
 
   bool operator==(const SdfSpec&) const = default;
 };
+
+// Which axes the view direction v and the normal ∇f go into the colour network in. observation: the world's, v and T(x̂) ∇f.
+// canonical: those of the canonical pose, T(x̂)⁻¹ v and ∇f (ARAH.md section 1, "Normal", and section 3). T(x̂) is the 3 × 3
+// part of the blended bone transforms.
+enum class DirectionSpace { observation, canonical };
 
 // The network's input is [n(x) 3, view 27, normal 3, SDF feature, grid 4 a level, latent], each part if it is on.
 struct ColorSpec {
@@ -54,6 +70,7 @@ struct ColorSpec {
   bool normal = false;         // the SDF's gradient, not of unit length
   bool feature = true;         // the last sine layer's activations
   bool latent = false;         // the frame's code
+  DirectionSpace directions = DirectionSpace::observation;  // of view and normal; observation where both are off
 
   bool operator==(const ColorSpec&) const = default;
 };
@@ -65,7 +82,7 @@ struct AvatarSpec {
   ColorSpec color;
   uint32_t latent_size = 0;      // numbers a frame, 1..1024; 0 where nothing reads a code
   double latent_init_std = 0.1;  // of the codes' normal initial values, >= 0
-  double b_init = 5e-3;          // first value of b, the scale of the Laplace density, metres, > 0
+  double b_init = 5e-3;          // first value of b, the scale of the density, metres, > 0
   std::vector<double>
       grid_cells;  // metres, one a level of the colour's feature grid, at most 4, each > 0; empty: no grid
 
@@ -92,7 +109,8 @@ void validate_spec(const AvatarSpec& spec, const std::string& where);
 // Every field by name; numbers read back exactly.
 std::string spec_to_json(const AvatarSpec& spec);
 
-// The other way. Every field must be there and none else; those of sdf.pose, which came later, may be absent (none). Throws InputError naming `where` and the field: no JSON,
+// The other way. Every field must be there and none else; those that came later (color.directions, sdf.kind, sdf.pose and its
+// sizes) may be absent and are then observation, sdf and none. Throws InputError naming `where` and the field: no JSON,
 // unknown or missing fields, a wrong type, and what validate_spec refuses.
 AvatarSpec spec_from_json(const std::string& text, const std::string& where);
 
@@ -103,6 +121,12 @@ AvatarSpec spec_with_json(const AvatarSpec& base, const std::string& text, const
 const char* to_string(Skinning skinning);
 const char* to_string(SdfConditioning conditioning);
 const char* to_string(PoseConditioning pose);
+const char* to_string(DirectionSpace space);
+const char* to_string(FieldKind kind);
+
+// Throws InputError where `what` was asked for, which needs a surface, and the avatar has a density
+// instead, or skinning that does not lead to posed space.
+void require_surface(const AvatarSpec& spec, const std::string& what);
 
 // Widths of each network from its input to its output, w_0 → w_1 → … → w_n for n linear layers; empty where the network
 // is absent. With a skip the layer's input is [input, previous output], which these widths do not count.
@@ -111,7 +135,9 @@ std::vector<uint32_t> mapping_widths(
     const AvatarSpec& spec);  // latent → … → 2 · sine layers · width: all γ, then all η
 // joints: of the body; of each of the small networks, one a layer of the SDF: 6 · joints → pose width …
 std::vector<uint32_t> pose_widths(const AvatarSpec& spec, uint32_t joints);
-std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits);  // 3 → width … → logits
+// 3 → width … → logits; with Skinning::backward 3 and the rotations of all joints but the first, 9 numbers each
+std::vector<uint32_t> skinning_widths(const AvatarSpec& spec, uint32_t logits, uint32_t joints);
+constexpr uint32_t pose_inputs(uint32_t joints) { return 9 * (joints - 1); }
 std::vector<uint32_t> color_widths(const AvatarSpec& spec);                      // input → width … → 3
 
 }  // namespace arah

@@ -117,7 +117,7 @@ ParameterLayout make_parameter_layout(const AvatarSpec& spec, const Skeleton& sk
   builder.group("sdf", [&] { builder.add_network("sdf", sdf_widths(spec), false); });
   builder.group("mapping", [&] { builder.add_network("mapping", mapping_widths(spec), false); });
   builder.group("skinning",
-                [&] { builder.add_network("skinning", skinning_widths(spec, skinning_logit_count(skeleton)), true); });
+                [&] { builder.add_network("skinning", skinning_widths(spec, skinning_logit_count(skeleton), static_cast<uint32_t>(skeleton.size())), true); });
   builder.group("color", [&] { builder.add_network("color", color_widths(spec), true, spec.color.skip); });
   builder.group("latent", [&] {
     if (spec.latent_size > 0) builder.add("latent", {static_cast<int64_t>(latent_frames), int64_t{spec.latent_size}});

@@ -132,6 +132,7 @@ SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
             ? fmt::format("{} see the surface from many sides", plural(facts.training_cameras, "training camera"))
             : preset_has_none);
   }
+  if (!spec.color.view && !spec.color.normal) spec.color.directions = DirectionSpace::observation;
   say("colour normal", spec.color.normal ? "on" : "off", spec.color.normal ? preset_has_it : preset_has_none);
   say("colour feature grid",
       spec.grid_cells.empty() ? "off" : fmt::format("cells of {} m", fmt::join(spec.grid_cells, " and ")),

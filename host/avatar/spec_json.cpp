@@ -49,8 +49,8 @@ class Fields {
     if (!json->is_boolean()) throw InputError(where_, field(name), "true or false", json_excerpt(*json));
     value = json->get<bool>();
   }
-  void read(const char* name, std::string& value, bool later = false) {
-    if (const auto* json = take(name, later)) value = json_text(*json, where_, field(name));
+  void read(const char* name, std::string& value) {
+    if (const auto* json = take(name)) value = json_text(*json, where_, field(name));
   }
   void read(const char* name, std::vector<double>& values) {
     const auto* json = take(name);
@@ -81,10 +81,10 @@ class Fields {
 };
 
 Skinning parse_skinning(const std::string& text, const std::string& where, const std::string& field) {
-  for (Skinning kind : {Skinning::none, Skinning::template_weights, Skinning::network}) {
+  for (Skinning kind : {Skinning::none, Skinning::template_weights, Skinning::network, Skinning::backward}) {
     if (text == to_string(kind)) return kind;
   }
-  throw InputError(where, field, "none, template_weights or network",
+  throw InputError(where, field, "none, template_weights, network or backward",
                    text == "grid" ? "'grid', which is not in this version" : "'" + text + "'");
 }
 
@@ -95,11 +95,16 @@ SdfConditioning parse_conditioning(const std::string& text, const std::string& w
   throw InputError(where, field, "none or latent", "'" + text + "'");
 }
 
-PoseConditioning parse_pose(const std::string& text, const std::string& where, const std::string& field) {
-  for (PoseConditioning kind : {PoseConditioning::none, PoseConditioning::low_rank, PoseConditioning::hypernetwork}) {
-    if (text == to_string(kind)) return kind;
+template <typename Word>
+Word parse_word(const nlohmann::json& json, std::initializer_list<Word> words, const std::string& where,
+                const std::string& field) {
+  const std::string text = json_text(json, where, field);
+  std::vector<std::string> known;
+  for (Word word : words) {
+    if (text == to_string(word)) return word;
+    known.emplace_back(to_string(word));
   }
-  throw InputError(where, field, "none, low_rank or hypernetwork", "'" + text + "'");
+  throw InputError(where, field, fmt::format("{}", fmt::join(known, " or ")), "'" + text + "'");
 }
 
 AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string& where, bool complete) {
@@ -130,11 +135,14 @@ AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string
     spec.sdf.conditioning = parse_conditioning(conditioning, where, fields.field("conditioning"));
     fields.read("mapping_width", spec.sdf.mapping_width);
     fields.read("mapping_hidden_layers", spec.sdf.mapping_hidden_layers);
-    std::string pose = to_string(spec.sdf.pose);
-    fields.read("pose", pose, true);
-    spec.sdf.pose = parse_pose(pose, where, fields.field("pose"));
+    if (const auto* pose = fields.take("pose", true)) {
+      spec.sdf.pose = parse_word(*pose, {PoseConditioning::none, PoseConditioning::low_rank, PoseConditioning::hypernetwork}, where, fields.field("pose"));
+    }
     fields.read("pose_width", spec.sdf.pose_width, true);
     fields.read("pose_hidden_layers", spec.sdf.pose_hidden_layers, true);
+    if (const auto* kind = fields.take("kind", true)) {
+      spec.sdf.kind = parse_word(*kind, {FieldKind::sdf, FieldKind::density}, where, fields.field("kind"));
+    }
     fields.refuse_others();
   }
   if (const auto* part = top.take("color")) {
@@ -147,6 +155,9 @@ AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string
     fields.read("normal", spec.color.normal);
     fields.read("feature", spec.color.feature);
     fields.read("latent", spec.color.latent);
+    if (const auto* space = fields.take("directions", true)) {
+      spec.color.directions = parse_word(*space, {DirectionSpace::observation, DirectionSpace::canonical}, where, fields.field("directions"));
+    }
     fields.refuse_others();
   }
   top.read("latent_size", spec.latent_size);
@@ -174,11 +185,13 @@ std::string spec_to_json(const AvatarSpec& spec) {
                  {"mapping_hidden_layers", spec.sdf.mapping_hidden_layers},
                  {"pose", to_string(spec.sdf.pose)},
                  {"pose_width", spec.sdf.pose_width},
-                 {"pose_hidden_layers", spec.sdf.pose_hidden_layers}};
+                 {"pose_hidden_layers", spec.sdf.pose_hidden_layers},
+                 {"kind", to_string(spec.sdf.kind)}};
   json["color"] = {{"width", spec.color.width},     {"hidden_layers", spec.color.hidden_layers},
                    {"skip", spec.color.skip},       {"narrow", spec.color.narrow},
                    {"view", spec.color.view},       {"normal", spec.color.normal},
-                   {"feature", spec.color.feature}, {"latent", spec.color.latent}};
+                   {"feature", spec.color.feature}, {"latent", spec.color.latent},
+                   {"directions", to_string(spec.color.directions)}};
   json["latent_size"] = spec.latent_size;
   json["latent_init_std"] = spec.latent_init_std;
   json["b_init"] = spec.b_init;

@@ -1,8 +1,10 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "host/avatar/spec_choice.h"
 #include "host/cli/arguments.h"
@@ -22,37 +24,55 @@ struct Options {
   std::optional<int> size;
   std::optional<double> minutes;
   std::optional<uint64_t> steps, seed;
-  std::vector<double> disturb;               // degrees, metres
-  std::vector<std::string> settings, model;  // NAME=VALUE
+  std::vector<double> disturb;        // degrees, metres
+  std::vector<std::string> settings;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
-// The JSON with one field replaced; a field within a group is called "sdf.rate".
-std::string with_field(const std::string& text, const std::string& assignment, const char* option, const char* example) {
+constexpr std::string_view kOfSpec = "spec.";  // what the name of a setting of the avatar's spec begins with
+
+// VALUE of NAME=VALUE: JSON, or a word.
+nlohmann::json assigned_value(const std::string& assignment) {
+  const std::string value = assignment.substr(assignment.find('=') + 1);
+  const auto parsed = nlohmann::json::parse(value, nullptr, false);
+  return parsed.is_discarded() ? nlohmann::json(value) : parsed;
+}
+
+// The settings with one of them replaced; a setting of a group is called "sdf.rate".
+TrainingSettings with_setting(const TrainingSettings& settings, const std::string& assignment) {
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos)
-    throw InputError(option, "", "NAME=VALUE", "'" + assignment + "'", fmt::format("For instance: {} {}", option, example));
-  const std::string name = assignment.substr(0, equals), value = assignment.substr(equals + 1);
-  auto json = nlohmann::json::parse(text);
+    throw InputError("--set", "", "NAME=VALUE", "'" + assignment + "'", "For instance: --set fit_steps=200");
+  const std::string name = assignment.substr(0, equals);
+  auto json = nlohmann::json::parse(settings_to_json(settings));
   nlohmann::json* place = &json;
   for (std::size_t from = 0; from <= name.size();) {
     const std::size_t to = std::min(name.find('.', from), name.size());
     const std::string part = name.substr(from, to - from);
     if (!place->is_object() || !place->contains(part))
-      throw InputError(option, name, "a field of config.json", "no such field");
+      throw InputError("--set", name, "a setting of config.json", "no such setting");
     place = &(*place)[part];
     from = to + 1;
   }
-  const auto parsed = nlohmann::json::parse(value, nullptr, false);
-  *place = parsed.is_discarded() ? nlohmann::json(value) : parsed;
-  return json.dump();
+  *place = assigned_value(assignment);
+  return settings_from_json(json.dump(), "--set");
 }
 
-// The spec with several fields replaced together, as they must fit each other.
-AvatarSpec with_model(const AvatarSpec& spec, const std::vector<std::string>& assignments) {
-  std::string json = spec_to_json(spec);
-  for (const std::string& assignment : assignments) json = with_field(json, assignment, "--model", "sdf.width=96");
-  return spec_from_json(json, "--model");
+// The spec with the assignments to "spec.…" made, all at once, since one may need another.
+AvatarSpec with_parts(const AvatarSpec& spec, const std::vector<std::string>& assignments) {
+  nlohmann::json stated = nlohmann::json::object();
+  for (const std::string& assignment : assignments) {
+    const std::string name = assignment.substr(0, assignment.find('=')).substr(kOfSpec.size());
+    nlohmann::json* place = &stated;
+    for (std::size_t from = 0; from <= name.size();) {
+      const std::size_t to = std::min(name.find('.', from), name.size());
+      if (!place->is_object()) *place = nlohmann::json::object();
+      place = &(*place)[name.substr(from, to - from)];
+      from = to + 1;
+    }
+    *place = assigned_value(assignment);
+  }
+  return spec_with_json(spec, stated.dump(), "--set: spec");
 }
 
 // What the options ask for: of a new run, or on top of what a run began with.
@@ -63,12 +83,11 @@ RunConfig resolve(const Options& options, const Capture& capture) {
     config.fingerprint = capture_fingerprint(capture);
     config.capture = capture.path;
     if (options.preset) config.settings.preset = *options.preset;
-    if (!options.model.empty()) throw InputError("--model", "", "a new run", "one that goes on", "What an avatar is made of stays; --set may change how it is trained.");
   } else {
     const std::string preset = options.preset.value_or("tiny");
     const SpecChoice choice = choose_spec(preset, capture_facts(capture));
     for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
-    config = make_run_config(capture, preset_settings(preset), with_model(choice.spec, options.model));
+    config = make_run_config(capture, preset_settings(preset), choice.spec);
     config.settings.pose_refinement = choice.pose_refinement;
   }
   TrainingSettings& settings = config.settings;
@@ -77,9 +96,13 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
   if (!options.disturb.empty()) settings.disturb_degrees = options.disturb[0], settings.disturb_metres = options.disturb[1];
-  for (const std::string& assignment : options.settings)
-    settings = settings_from_json(with_field(settings_to_json(settings), assignment, "--set", "fit_steps=200"), "--set");
+  std::vector<std::string> parts;
+  for (const std::string& assignment : options.settings) {
+    if (assignment.starts_with(kOfSpec) && assignment.find('=') != std::string::npos) parts.push_back(assignment);
+    else settings = with_setting(settings, assignment);
+  }
   search_for_refinement(settings);
+  if (!parts.empty()) config.spec = with_parts(config.spec, parts);
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
       throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),
@@ -130,10 +153,7 @@ void add_train_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
       ->excludes(minutes);
   command->add_option("--seed", options->seed, "of first values, pixels and points (default: 0)");
-  command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json; may be repeated")
-      ->expected(1)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  command->add_option("--model", options->model, "NAME=VALUE: any part or size of the avatar, as config.json's spec names it (sdf.width=96), instead of what the capture suggests; may be repeated, and those that go together are checked together")
+  command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json, as half_width=0.04 or spec.color.view=true; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   command->add_option("--disturb-poses", options->disturb, "DEGREES,METRES: for studies of pose refinement, train from poses whose joints are turned and whose root is moved at random by so much (standard deviation)")

@@ -107,6 +107,7 @@ class Works {
     // for the colour.
     TrainingSettings papers = step_settings("paper");
     papers.rays = 128;
+    papers.view_augmentation = 1;  // in every step, so that each takes the same
     papers.eikonal_points = papers.off_surface_points = papers.inside_points = papers.skinning_points = 256;
     AvatarSpec spec = preset_spec("tiny");
     spec.sdf.conditioning = SdfConditioning::latent;
@@ -119,7 +120,15 @@ class Works {
     spec.color.narrow = 32;
     spec.color.view = spec.color.normal = true;
     const Avatar rich = fitted(spec, papers);
-    train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
+    train("paper's step", fmt::format("sampled as preset paper, {} rays x {} samples, views rotated", papers.rays, papers.sampling.samples), rich, papers, 1, settings_.repetitions, settings_.repetitions);
+
+    AvatarSpec radiance = preset_spec("tiny");
+    radiance.sdf.kind = FieldKind::density;
+    train("step of a density", fmt::format("preset tiny with sdf.kind density, {} rays x {} samples", tiny.rays, tiny.sampling.samples), fitted(radiance, tiny), tiny, 1, settings_.repetitions, settings_.repetitions);
+
+    AvatarSpec backward = preset_spec("tiny");
+    backward.skinning.kind = Skinning::backward;
+    train("step, backward skinning", fmt::format("preset tiny with skinning.kind backward, {} rays x {} samples", tiny.rays, tiny.sampling.samples), fitted(backward, tiny), tiny, 1, settings_.repetitions, settings_.repetitions);
 
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
     picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");

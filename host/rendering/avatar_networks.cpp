@@ -33,7 +33,8 @@ PoseNetworksShape AvatarNetworks::pose_networks_shape() const {
 }
 
 DenseShape AvatarNetworks::skinning_shape() const {
-  return DenseShape::chain(LayerKind::weight_norm, skinning_widths(spec_, tree_.logits()), Activation::softplus, Activation::none);
+  return DenseShape::chain(LayerKind::weight_norm, skinning_widths(spec_, tree_.logits(), tree_.joints()), Activation::softplus, Activation::none,
+                           spec_.skinning.kind == Skinning::backward ? pose_inputs(tree_.joints()) : 0);
 }
 
 DenseShape AvatarNetworks::color_shape() const {
@@ -41,7 +42,7 @@ DenseShape AvatarNetworks::color_shape() const {
   return spec_.color.skip < 0 ? chain : chain.with_skip(spec_.color.skip);
 }
 
-ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.color.normal, spec_.color.feature ? spec_.sdf.width : 0}; }
+ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.color.normal, spec_.color.feature ? spec_.sdf.width : 0, spec_.color.directions == DirectionSpace::canonical}; }
 
 AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients, uint32_t frames)
     : spec_(avatar.spec), layout_(avatar.layout), cube_(avatar.cube), tree_(avatar.body.skeleton.parents), grid_(grid_shape(avatar.grid)) {
@@ -95,7 +96,8 @@ AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_g
     }
   }
   sdf_.emplace(device, "sdf", siren, sdf_parameters, sdf_gradients);
-  if (spec_.skinning.kind == Skinning::network) dense(skinning_, "skinning", skinning_shape(), "v", "g");
+  if (spec_.skinning.kind == Skinning::backward) pose_ = Buffer(device, "rotations of the joints", pose_inputs(tree_.joints()) * 4ull, BufferPlace::device);
+  if (spec_.skinning.learned()) dense(skinning_, "skinning", skinning_shape(), "v", "g");
   dense(color_, "color", color_shape(), "v", "g");
 }
 
@@ -149,6 +151,10 @@ void AvatarNetworks::make_half_weights(Device& device) {
   color_->make_half_weights(device);
 }
 
+void AvatarNetworks::record_pose(Commands& commands, const BufferSlice& joint_rotations) {
+  if (pose_.bytes()) commands.copy(joint_rotations.elements(0, pose_inputs(tree_.joints())), pose_.slice().elements(0, pose_inputs(tree_.joints())));
+}
+
 void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row, std::span<const float> pose) {
   const size_t expected = pose_networks_ ? size_t{kPoseChannels} * pose_networks_->shape().joints() : 0;
   if (!pose.empty() && pose.size() != expected) throw std::invalid_argument("networks for a pose of " + std::to_string(pose.size()) + " numbers, " + std::to_string(expected) + " expected");
@@ -167,7 +173,7 @@ void AvatarNetworks::record_pack(Commands& commands, std::size_t latent_row, std
     }
   }
   sdf_->record_pack(commands);
-  if (skinning_) skinning_->record_pack(commands);
+  if (skinning_) skinning_->record_pack(commands, pose_.bytes() ? pose_.slice() : BufferSlice{});
   color_->record_pack(commands, code());
 }
 
@@ -191,7 +197,7 @@ void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, c
       commands.copy(mapping_tape_->input_gradient().slice.elements(0, spec_.latent_size), code_gradient_.slice().elements(0, spec_.latent_size));
     }
   }
-  if (parts.skinning && skinning_) skinning_->record_unpack(commands);
+  if (parts.skinning && skinning_) skinning_->record_unpack(commands, pose_.bytes() ? pose_.slice() : BufferSlice{});
   if (parts.color) color_->record_unpack(commands, code(), code_gradient());
   if (spec_.latent_size)
     commands.copy(code_gradient_.slice().elements(0, spec_.latent_size), gradient("latent").elements(latent_row * spec_.latent_size, spec_.latent_size));

@@ -40,6 +40,8 @@ class AvatarNetworks {
   // For pictures with cooperative matrices: the SDF's and the colour's inner layers keep weights of halves too, from the next
   // record_pack on.
   void make_half_weights(Device& device);
+  // Skinning::backward: the pose that the next record_pack is for, of FrameOnDevice::joint_rotations; nothing for other kinds.
+  void record_pose(Commands& commands, const BufferSlice& joint_rotations);
   // Packs all weights for the frames that use row `latent_row` and the pose: after every change of parameters, row or pose.
   // pose: what pose_input() gives; it is uploaded at once, so what was recorded before with another pose must have run. Empty:
   // the SDF that all poses share. Throws std::invalid_argument where it has another size.
@@ -64,7 +66,7 @@ class AvatarNetworks {
 
   Siren& sdf() { return *sdf_; }
   PoseNetworks& pose_networks() { return *pose_networks_; }  // only where the SDF follows the pose
-  DenseNetwork& skinning() { return *skinning_; }  // only with Skinning::network
+  DenseNetwork& skinning() { return *skinning_; }  // only with SkinningSpec::learned()
   DenseNetwork& color() { return *color_; }
   SirenShape sdf_shape() const;
   PoseNetworksShape pose_networks_shape() const;  // only where the SDF follows the pose
@@ -83,7 +85,7 @@ class AvatarNetworks {
   CubeNormalization cube_;
   JointTree tree_;
   FeatureGridShape grid_;
-  Buffer parameters_, gradients_, code_, code_gradient_;
+  Buffer parameters_, gradients_, code_, code_gradient_, pose_;
   std::optional<PoseNetworks> pose_networks_;
   std::optional<Siren> sdf_;
   std::optional<DenseNetwork> skinning_, color_, mapping_;

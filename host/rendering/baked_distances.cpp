@@ -22,6 +22,7 @@ double full_band(const Avatar& avatar, double cell) { return std::clamp(10 * den
 }  // namespace
 
 BakedDistances::BakedDistances(Device& device, const Avatar& avatar, double cell) : device_(device), avatar_(avatar) {
+  if (avatar.spec.sdf.kind == FieldKind::density) require_surface(avatar.spec, "baked distances and meshes");
   const std::vector<glm::dvec3> vertices = canonical_vertices(avatar.body, avatar.canonical);
   ShellGrid coarse = grid_around(vertices, rough_reach + coarse_edge * cell, coarse_edge * cell, 16e6 / (coarse_edge * coarse_edge * coarse_edge));
   rough_ = template_distances(coarse, vertices, avatar.body.triangles, rough_reach);

@@ -40,6 +40,15 @@ void Field::make_room_for_gaps() {
   distances_by_row();
 }
 
+void Field::make_room_for_normals() {
+  if (!normals_.bytes()) normals_ = Buffer(device_, "samples: normals", shaded_capacity() * 16ull, BufferPlace::device);
+}
+
+bool Field::takes_transforms(bool view_rotated) const {
+  const ColorSpec& color = networks_.spec().color;
+  return color.directions == DirectionSpace::canonical ? color.view : color.normal || (color.view && view_rotated);
+}
+
 Matrix Field::record_distances(Commands& commands, const BufferSlice& frame, const BufferSlice& canonical, uint32_t rows, bool sparse) {
   Rows evaluated{{rows, {}}, {}};
   if (sparse) {
@@ -92,15 +101,19 @@ void Field::record_forward(Commands& commands, const Inputs& in, bool want_gradi
   const PointRange range{in.rows, {}};
   record_normalise_inputs(commands, {{range, {}}, in.frame, in.canonical, sdf_tape_->input()});
   const bool normal = networks_.spec().color.normal;
-  networks_.sdf().record_forward(commands, *sdf_tape_, range, want_gradient || normal || networks_.has_gradients());
-  if (want_gradient || normal) networks_.sdf().record_gradient(commands, *sdf_tape_, range, normal && networks_.has_gradients());
+  networks_.sdf().record_forward(commands, *sdf_tape_, range, want_gradient || normal || networks_.has_gradients());  // with gradients also for `rotated`
   AssembleInputsArgs rows;
   rows.row = networks_.color_row();
-  if (normal) {
-    if (in.transforms.empty()) throw std::invalid_argument("the colour takes normals: the field needs the samples' transforms");
-    record_posed_normals(commands, {in.rows, sdf_tape_->gradient(), in.transforms, normals_.slice(), false});
+  const bool rotated = rows.row.view && in.view_rotation;
+  if (want_gradient || normal || rotated) networks_.sdf().record_gradient(commands, *sdf_tape_, range, normal && networks_.has_gradients());
+  if (takes_transforms(rotated) && in.transforms.empty()) throw std::invalid_argument("the colour takes normals or canonical views: the field needs the samples' transforms");
+  if (normal || rotated) {
+    make_room_for_normals();
+    record_posed_normals(commands, {in.rows, sdf_tape_->gradient(), rows.row.canonical ? BufferSlice{} : in.transforms, normals_.slice(), false});
     rows.normals = normals_.slice();
   }
+  if (rotated) rows.view_rotation = in.view_rotation;
+  rows.transforms = in.transforms;
   rows.points = in.rows;
   rows.samples_per_ray = samples_per_ray_;
   rows.frame = in.frame;
@@ -146,7 +159,7 @@ void Field::record_backward(Commands& commands, const Inputs& in, const Backward
   if (rows.row.feature_channels) rows.d_feature = sdf_tape_->feature_cotangent();
   if (rows.row.normal) rows.d_normal = d_normals_.slice();
   record_assemble_inputs_backward(commands, rows);
-  if (rows.row.normal) record_posed_normals_backward(commands, {in.rows, d_normals_.slice(), in.transforms, sdf_tape_->gradient_cotangent()});
+  if (rows.row.normal) record_posed_normals_backward(commands, {in.rows, d_normals_.slice(), rows.row.canonical ? BufferSlice{} : in.transforms, sdf_tape_->gradient_cotangent()});
   if (networks_.grid().levels) {
     FeatureGridBackwardArgs grid;
     grid.shape = networks_.grid();

@@ -2,6 +2,7 @@
 // at all samples; the rest is computed where a sample is worth it (shading_queue.h).
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 
@@ -37,18 +38,23 @@ class Field {
 
   // Makes the room that sparse distances take; else their first call does.
   void make_room_for_gaps();
+  // The same for rotated view directions of a colour that does not take the normal.
+  void make_room_for_normals();
 
   struct Inputs {
     BufferSlice frame;      // FrameConstants
     BufferSlice canonical;  // vec4 by row
     BufferSlice rays;       // Ray by ray; read where the colour takes the view direction
     uint32_t rows = 0;
-    BufferSlice transforms = {};  // three vec4 by row: blended transforms; read where the colour takes the normal
+    BufferSlice transforms = {};  // three vec4 by row: blended transforms; read where takes_transforms() says so
     BufferSlice samples = {};     // uint32 by row: which sample it is, sample s being of ray s / samples_per_ray; empty: its number
     uint32_t sample_count = 0;    // with `samples`: how many samples there are
+    std::optional<std::array<float, 9>> view_rotation = {};  // of the colour's view directions (AssembleInputsArgs)
   };
+  // Whether the colour takes a direction that has to be turned between posed and canonical space.
+  bool takes_transforms(bool view_rotated) const;
   // Fills sdf(), rgb(), and gradient() where wanted (always where the colour takes the normal). Throws
-  // std::invalid_argument where the colour takes the normal and there are no transforms.
+  // std::invalid_argument where takes_transforms() and there are none.
   void record_forward(Commands& commands, const Inputs& inputs, bool want_gradient = false);
 
   Matrix sdf() { return sdf_tape_->sdf(); }             // channel 0: f, cube units

@@ -10,7 +10,6 @@
 #include "host/body/canonical.h"
 #include "host/body/pose.h"
 #include "host/rendering/template_distances.h"
-#include "shaders/shared/frame.h"
 
 namespace arah {
 namespace {
@@ -38,22 +37,39 @@ TemplateOnDevice::TemplateOnDevice(Device& device, const BodyTemplate& body) {
   weights_ = uploaded(device, "template weights", weights);
 }
 
-std::vector<glm::dvec3> FrameOnDevice::take_pose(Device& device, const Avatar& avatar, const Pose& pose) {
-  const std::vector<glm::dmat4> bones = bone_transforms(avatar.body.skeleton, avatar.canonical, pose);
-  const glm::dvec3 t = arah::root_translation(avatar.body.skeleton, pose);
-
+FrameConstants frame_constants(const CubeNormalization& cube, const std::vector<glm::dmat4>& bones, const glm::dvec3& t) {
   FrameConstants constants{};
-  const double scale = 1.0 / avatar.cube.metres_per_unit();
-  const glm::dvec3 offset = avatar.cube.to_cube(glm::dvec3(0));
+  const double scale = 1.0 / cube.metres_per_unit();
+  const glm::dvec3 offset = cube.to_cube(glm::dvec3(0));
   constants.cube_scale = static_cast<float>(scale);
   constants.joint_count = static_cast<uint32_t>(bones.size());
   for (int axis = 0; axis < 3; ++axis) {
     constants.cube_offset[axis] = static_cast<float>(offset[axis]);
-    constants.root_translation[axis] = root_translation_[static_cast<size_t>(axis)] = static_cast<float>(t[axis]);
+    constants.root_translation[axis] = static_cast<float>(t[axis]);
   }
   for (size_t j = 0; j < bones.size(); ++j)
     for (int row = 0; row < 3; ++row)
       for (int column = 0; column < 4; ++column) constants.bones[3 * j + static_cast<size_t>(row)][column] = static_cast<float>(bones[j][column][row]);
+  return constants;
+}
+
+std::vector<float> joint_rotations(const Pose& pose) {
+  std::vector<float> rotations;
+  for (size_t joint = 1; joint < pose.theta.size(); ++joint) {
+    const glm::dmat3 rotation = rotation_from_axis_angle(pose.theta[joint]);
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column) rotations.push_back(static_cast<float>(rotation[column][row]));
+  }
+  return rotations;
+}
+
+std::vector<glm::dvec3> FrameOnDevice::take_pose(Device& device, const Avatar& avatar, const Pose& pose) {
+  bones_ = bone_transforms(avatar.body.skeleton, avatar.canonical, pose);
+  const glm::dvec3 t = arah::root_translation(avatar.body.skeleton, pose);
+  for (int axis = 0; axis < 3; ++axis) root_translation_[static_cast<size_t>(axis)] = static_cast<float>(t[axis]);
+  const FrameConstants constants = frame_constants(avatar.cube, bones_, t);
+  const std::vector<float> rotations = arah::joint_rotations(pose);
+  if (!rotations.empty()) device.upload(joint_rotations_.slice().elements(0, rotations.size()), rotations);
   device.upload(constants_.slice(), &constants, sizeof constants);
 
   // A_b = B_b V_b on the rest vertices.
@@ -71,6 +87,7 @@ void FrameOnDevice::set_pose(Device& device, const Avatar& avatar, const Pose& p
 
 FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDevice& body, const Pose& pose, const ShellSettings& shell) {
   constants_ = Buffer(device, "frame constants", sizeof(FrameConstants), BufferPlace::device);
+  joint_rotations_ = Buffer(device, "rotations of joints", std::max<uint64_t>(4ull * pose_inputs(static_cast<uint32_t>(pose.theta.size())), 256), BufferPlace::device);
   const std::vector<glm::dvec3> posed = take_pose(device, avatar, pose);
   std::vector<std::array<float, 3>> points;
   for (const glm::dvec3& p : posed) points.push_back({static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)});
@@ -92,7 +109,7 @@ FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDev
 }
 
 uint64_t FrameOnDevice::bytes() const {
-  return constants_.bytes() + grid_vertices_.bytes() + cell_start_.bytes() + cell_seed_.bytes() + shell_distances_.bytes() + (correspondences_ ? correspondences_->bytes() : 0);
+  return constants_.bytes() + joint_rotations_.bytes() + grid_vertices_.bytes() + cell_start_.bytes() + cell_seed_.bytes() + shell_distances_.bytes() + (correspondences_ ? correspondences_->bytes() : 0);
 }
 
 }  // namespace arah

@@ -10,6 +10,7 @@
 #include "kernels/rays/shell_bins.h"
 #include "kernels/tracing/nearest_vertex.h"
 #include "kernels/vulkan/commands.h"
+#include "shaders/shared/frame.h"
 
 namespace arah {
 
@@ -23,6 +24,11 @@ class TemplateOnDevice {
  private:
   Buffer joints_, weights_;
 };
+
+// What kernels read of a pose: bones are bone_transforms(), t root_translation().
+FrameConstants frame_constants(const CubeNormalization& cube, const std::vector<glm::dmat4>& bones, const glm::dvec3& t);
+// The rotations of all joints but the first, relative to their parents, by row: 9 numbers each.
+std::vector<float> joint_rotations(const Pose& pose);
 
 // Distances of the shell: a grid of `cell` metres over the posed vertices' box grown by `margin`.
 struct ShellSettings {
@@ -41,6 +47,8 @@ class FrameOnDevice {
   void set_pose(Device& device, const Avatar& avatar, const Pose& pose);
 
   BufferSlice constants() { return constants_.slice(); }        // FrameConstants
+  BufferSlice joint_rotations() { return joint_rotations_.slice(); }  // float, pose_inputs() of them
+  const std::vector<glm::dmat4>& bones() const { return bones_; }     // canonical → posed, without the root translation
   const PosedVertices& vertices() const { return vertices_; }
   const ShellGrid& shell_grid() const { return shell_grid_; }
   BufferSlice shell_distances() { return shell_distances_.slice(); }
@@ -52,7 +60,8 @@ class FrameOnDevice {
   uint64_t bytes() const;
 
  private:
-  Buffer constants_, grid_vertices_, cell_start_, cell_seed_, shell_distances_;
+  std::vector<glm::dmat4> bones_;
+  Buffer constants_, joint_rotations_, grid_vertices_, cell_start_, cell_seed_, shell_distances_;
   PosedVertices vertices_;
   ShellGrid shell_grid_;
   std::array<float, 3> root_translation_{};

@@ -137,7 +137,7 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   sampling.root.max_iterations = 12;
   sampling.root.correspondence = Correspondence::grid;
   settings.least_weight = 1e-4;
-  settings.baked_distances = true;
+  settings.baked_distances = avatar.spec.sdf.kind == FieldKind::sdf;
   settings.bake_cell = 0.008;
   if (sampling.mode == SamplingMode::surface) sampling.surface = SurfaceSource::mesh;
   if (name == "balanced") return settings;

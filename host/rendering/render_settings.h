@@ -52,7 +52,8 @@ struct RenderSettings {
 // its settings), else 32 in the template's shell.
 SamplingSettings picture_sampling(const Avatar& avatar);
 
-// "paper": exact to 1e-6 of a colour. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. Throws InputError
+// "paper": exact to 1e-6 of a colour. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. A density (FieldKind) is
+// asked itself in "balanced" and "fast", and has no "preview": the renderer refuses it. Throws InputError
 // naming the presets for another word.
 RenderSettings render_preset(const Avatar& avatar, const std::string& name);
 const std::vector<std::string>& render_presets();

@@ -108,6 +108,7 @@ Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t lat
 
 Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
   commands_.stage("weights");
+  if (avatar_.spec.skinning.kind == Skinning::backward) networks_.record_pose(commands_, posed(pose).joint_rotations());
   networks_.record_pack(commands_, latent_row, settings_.shared_sdf ? std::vector<float>{} : pose_input(avatar_, pose));
   commands_.submit_and_wait();
   FrameOnDevice& frame = posed(pose);

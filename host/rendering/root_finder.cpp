@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "host/rendering/correspondence_grid.h"
+#include "kernels/skinning/inverse_blend.h"
 #include "kernels/skinning/lbs.h"
 #include "kernels/tracing/broyden_finish.h"
 #include "kernels/tracing/broyden_start.h"
@@ -40,6 +41,11 @@ PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint3
     device.upload(transforms_.slice(), identity);
     return;
   }
+  if (networks.spec().skinning.kind == Skinning::backward) {
+    tape_.emplace(device, "backward skinning", networks.skinning_shape(), capacity_, false);
+    posed_ = make("posed points", vec4_bytes);
+    return;
+  }
   nearest_ = make("nearest vertex", capacity_ * 4ull);
   device.upload(nearest_.slice(), std::vector<uint32_t>(capacity_, 0));  // a vertex for points that are not searched
   for (Buffer& list : ids_) list = make("active points", capacity_ * 4ull);
@@ -66,6 +72,7 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
     return;
   }
   if (networks_.spec().skinning.kind == Skinning::template_weights) return solve_by_template(commands, frame, points, targets, canonical);
+  if (networks_.spec().skinning.kind == Skinning::backward) return solve_backward(commands, frame, points, targets, canonical);
 
   CorrespondenceGrid* grid = settings.correspondence == Correspondence::search ? nullptr : frame.correspondences();
   const bool from_grid = grid && grid->solved(), alone = from_grid && settings.correspondence == Correspondence::grid_alone,
@@ -201,6 +208,28 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   finish();
 }
 
+void PointRootFinder::solve_backward(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical) {
+  targets_ = targets;
+  record_blend(commands, frame, {{points, {}}, {}}, targets, targets);
+  record_inverse_blend(commands, {points, targets, transforms_.slice(), canonical});
+  commands.submit_and_wait();
+}
+
+// `inputs`: the points among `at` whose weights are asked for; canonical is by row.
+void PointRootFinder::record_blend(Commands& commands, FrameOnDevice& frame, const Rows& inputs, const BufferSlice& at, const BufferSlice& canonical) {
+  record_normalise_inputs(commands, {inputs, frame.constants(), at, tape_->input(), networks_.spec().skinning.kind == Skinning::backward});
+  networks_.skinning().record_forward(commands, *tape_, inputs.range);
+  LbsArgs lbs;
+  lbs.tree = &networks_.tree();
+  lbs.rows = {inputs.range, {}};
+  lbs.logits = tape_->output();
+  lbs.frame = frame.constants();
+  lbs.canonical = canonical;
+  lbs.posed = posed_.slice();
+  lbs.transforms = transforms_.slice();
+  record_lbs(commands, lbs);
+}
+
 void PointRootFinder::solve_by_template(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical) {
   CompactArgs wanted;
   wanted.rows.range.points = points;
@@ -231,18 +260,8 @@ BufferSlice PointRootFinder::record_transforms(Commands& commands, FrameOnDevice
     record_vertex_transforms(commands, {points, frame.constants(), nearest_.slice(), frame.vertices(), transforms_.slice()});
     return transforms_.slice();
   }
-  const Rows rows{points.range, {}};  // canonical is by row
-  record_normalise_inputs(commands, {rows, frame.constants(), canonical, tape_->input()});
-  networks_.skinning().record_forward(commands, *tape_, rows.range);
-  LbsArgs lbs;
-  lbs.tree = &networks_.tree();
-  lbs.rows = rows;
-  lbs.logits = tape_->output();
-  lbs.frame = frame.constants();
-  lbs.canonical = canonical;
-  lbs.posed = posed_.slice();
-  lbs.transforms = transforms_.slice();
-  record_lbs(commands, lbs);
+  if (networks_.spec().skinning.kind == Skinning::backward) record_blend(commands, frame, points, targets_, canonical);
+  else record_blend(commands, frame, {points.range, {}}, canonical, canonical);  // canonical is by row
   return transforms_.slice();
 }
 

@@ -48,10 +48,13 @@ class PointRootFinder {
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
   uint32_t capacity() const { return capacity_; }
-  bool searches() const { return tape_.has_value(); }  // there is a skinning network, and its inverse has to be searched
+  bool searches() const { return networks_.spec().skinning.kind == Skinning::network; }  // there is a skinning network, and its inverse has to be searched
+  // Skinning::backward: the targets of the last solve, as long as its caller keeps them.
+  const BufferSlice& targets() const { return targets_; }
 
   // Three vec4 by row: the rows of Σ_b w_b B_b at the canonical points, vec4 by row. `rows` says which points of the last
-  // solve they are: with template weights the nearest vertices found there decide. Overwritten by the next solve.
+  // solve they are: with template weights the nearest vertices found there decide,
+  // with a backward network the targets given there, which must still be. Overwritten by the next solve.
   BufferSlice record_transforms(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& canonical);
 
   // With template weights, of the last solve: uint32 by point, the vertex that decides.
@@ -62,6 +65,9 @@ class PointRootFinder {
   void restore_counts(const RootFindingCounts& counts) { counts_ = counts; }  // of before a search that is not to count
 
  private:
+  // A network gives the weights at the targets.
+  void solve_backward(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical);
+  void record_blend(Commands& commands, FrameOnDevice& frame, const Rows& inputs, const BufferSlice& at, const BufferSlice& canonical);
   void solve_by_template(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical);
 
   Device& device_;
@@ -69,6 +75,7 @@ class PointRootFinder {
   uint32_t capacity_;
   RootFindingCounts counts_;
   std::optional<DenseTape> tape_;
+  BufferSlice targets_;
   BroydenState state_;
   Buffer state_buffer_, posed_, transforms_, starts_, interpolated_, nearest_, active_, ids_[2], count_[2], scratch_, search_counts_;
 };

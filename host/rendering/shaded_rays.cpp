@@ -42,6 +42,7 @@ bool ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   composite.samples.points = placed.canonical();
   composite.samples.deltas = placed.deltas();
   composite.samples.parameters = networks_.parameter("b");
+  composite.samples.density = networks_.spec().sdf.kind == FieldKind::density ? DensityKind::softplus : DensityKind::laplace;
   composite.delta_mode = placed.delta_mode();
   composite.depths = placed.depths();
   composite.colors = colors();
@@ -67,7 +68,7 @@ bool ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   if (networks_.has_gradients() && queue_.size() > field_.shaded_capacity()) return false;
 
   commands.stage("shading");
-  shade(commands, frame, placed, rows, options.normals);
+  shade(commands, frame, placed, rows, options);
   composite.delta_mode = DeltaMode::given;  // written by now
   composite.samples.rgb = rgb();
   composite.samples.slots = queue_.slots();
@@ -85,17 +86,18 @@ bool ShadedRays::record_forward(Commands& commands, FrameOnDevice& frame, RaySam
   return true;
 }
 
-void ShadedRays::shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, bool normals) {
+void ShadedRays::shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, const Options& options) {
   const uint32_t at_a_time = field_.shaded_capacity();
   for (uint32_t first = 0; first < queue_.size(); first += at_a_time) {
     const uint32_t count = std::min(at_a_time, queue_.size() - first);
     const uint64_t padded = padded_points(count);
     inputs_ = {frame.constants(), queue_.canonical().sub(first * 16ull, padded * 16), placed.rays(), count, {}, queue_.samples().elements(first, padded), rows};
-    if (normals || networks_.spec().color.normal)
+    inputs_.view_rotation = options.view_rotation;
+    if (options.normals || field_.takes_transforms(options.view_rotation.has_value()))
       inputs_.transforms = placed.root_finder().record_transforms(commands, frame, {{count, {}}, inputs_.samples}, inputs_.canonical);
-    field_.record_forward(commands, inputs_, normals);
+    field_.record_forward(commands, inputs_, options.normals);
     if (rgb_.bytes()) commands.copy(field_.rgb().slice.elements(0, padded * channel_padding), rgb_.slice().elements(uint64_t(first) * channel_padding, padded * channel_padding));
-    if (normals) record_posed_normals(commands, {count, field_.gradient(), inputs_.transforms, normals_.slice().sub(first * 16ull, padded * 16), true});
+    if (options.normals) record_posed_normals(commands, {count, field_.gradient(), inputs_.transforms, normals_.slice().sub(first * 16ull, padded * 16), true});
   }
 }
 

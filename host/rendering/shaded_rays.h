@@ -24,6 +24,7 @@ class ShadedRays {
     bool normals = false;
     std::optional<DistanceNodes> baked = {};  // distances come from this grid instead of the network; without a way back
     uint32_t groups = 0;                      // 0: a colour for each sample; else see below, without a way back
+    std::optional<std::array<float, 9>> view_rotation = {};  // of the colour's view directions; in training
   };
   // Shades the samples of `placed`, those whose compositing weight exceeds least_weight; the others are black but absorb. 0
   // leaves out nothing but weights that are 0 in float32: then no colour changes.
@@ -46,7 +47,7 @@ class ShadedRays {
 
  private:
   ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients, Arithmetic arithmetic);
-  void shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, bool normals);
+  void shade(Commands& commands, FrameOnDevice& frame, RaySamples& placed, uint32_t rows, const Options& options);
   // Of all slots of the queue.
   Matrix rgb() { return rgb_.bytes() ? Matrix{rgb_.slice(), channel_padding, 0} : field_.rgb(); }
 

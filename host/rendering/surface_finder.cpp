@@ -28,6 +28,7 @@ constexpr uint32_t look_every = 8;         // … and between its later question
 
 SurfaceFinder::SurfaceFinder(Device& device, AvatarNetworks& networks, uint32_t capacity)
     : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
+  require_surface(networks.spec(), "the search for surfaces (sampling_mode surface)");
   const uint64_t vec4_each = uint64_t(capacity_) * 16, word_each = uint64_t(capacity_) * 4;
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
     Buffer buffer(device, std::string("surface search: ") + what, bytes, place);

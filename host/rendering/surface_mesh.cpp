@@ -52,6 +52,7 @@ SurfaceMesh::Scratch::Scratch(Device& device, AvatarNetworks& networks) {
 
 SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame)
     : avatar_(avatar), mesh_(without_small_parts(surface_nets(distances))) {
+  require_surface(avatar.spec, "meshes of the surface");
   even_out(mesh_, [&](const glm::dvec3& p) { return distances.between(p); }, distances.cell, smoothing_rounds);
   normals_ = vertex_normals(mesh_.vertices, mesh_.triangles);
   first_.push_back(0);

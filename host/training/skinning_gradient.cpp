@@ -36,7 +36,8 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
                                              const Wanted& wanted) {
   const Rows all{{rows, {}}, {}};
   DenseNetwork& network = networks_.skinning();
-  record_normalise_inputs(commands, {all, frame.constants(), canonical, rows_tape_.input()});
+  if (asks_posed_points()) record_normalise_inputs(commands, {{all.range, wanted.samples}, frame.constants(), wanted.targets, rows_tape_.input(), true});
+  else record_normalise_inputs(commands, {all, frame.constants(), canonical, rows_tape_.input()});
   network.record_forward(commands, rows_tape_, all.range);
   LbsArgs lbs;
   lbs.tree = &networks_.tree();
@@ -61,7 +62,8 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   jacobian.frame = frame.constants();
   jacobian.transforms = transforms_.slice();
   jacobian.jacobians = jacobians_.slice();
-  for (uint32_t i = 0; i < 3; ++i) {
+  // Weights that are given at the posed point do not change with x̂: what the search's Jacobian is otherwise, T is alone.
+  for (uint32_t i = 0; i < (asks_posed_points() ? 0u : 3u); ++i) {
     back.component = i;
     record_lbs_backward(commands, back);
     DenseNetwork::Backward through;
@@ -71,9 +73,9 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
     network.record_backward(commands, rows_tape_, all.range, through);
     jacobian.gradients[i] = through.input_gradient_result;
   }
-  record_jacobian(commands, jacobian);
+  if (!asks_posed_points()) record_jacobian(commands, jacobian);
   commands.fill(singular_.slice(), 0);
-  record_implicit_cotangent(commands, {rows, jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
+  record_implicit_cotangent(commands, {rows, asks_posed_points() ? transforms_.slice() : jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
   if (wanted.pose) wanted.pose->record_add(commands, rows, canonical, cotangents_.slice());
   if (!wanted.weights) return;
   back.component = 3;
@@ -85,13 +87,19 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   network.record_backward(commands, rows_tape_, all.range, weights);
 }
 
-void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator) {
+void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones) {
   std::uniform_int_distribution<size_t> pick(0, pool.size() - 1);
   std::vector<std::array<float, 4>> positions, weights;
   std::vector<uint32_t> joints;
   for (uint32_t i = 0; i < points_; ++i) {
     const WeightSample& s = pool[pick(generator)];
-    positions.push_back({s.position.x, s.position.y, s.position.z, 1});
+    glm::vec3 at = s.position;
+    if (asks_posed_points()) {
+      glm::dvec4 moved(0);
+      for (int k = 0; k < 4; ++k) moved += double{s.weights[k]} * (bones.at(s.joints[static_cast<size_t>(k)]) * glm::dvec4(glm::dvec3(s.position), 1));
+      at = glm::vec3(moved);
+    }
+    positions.push_back({at.x, at.y, at.z, 1});
     weights.push_back({s.weights.x, s.weights.y, s.weights.z, s.weights.w});
     joints.push_back(uint32_t(s.joints[0]) | uint32_t(s.joints[1]) << 8 | uint32_t(s.joints[2]) << 16 | uint32_t(s.joints[3]) << 24);
   }
@@ -103,7 +111,7 @@ void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::m
 void SkinningGradient::record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot,
                                            const BufferSlice& scratch) {
   const PointRange range{points_, {}};
-  record_normalise_inputs(commands, {{range, {}}, frame_constants, surface_.slice(), points_tape_.input()});
+  record_normalise_inputs(commands, {{range, {}}, frame_constants, surface_.slice(), points_tape_.input(), asks_posed_points()});
   networks_.skinning().record_forward(commands, points_tape_, range);
   WeightsLossArgs loss;
   loss.tree = &networks_.tree();

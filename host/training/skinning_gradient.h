@@ -19,10 +19,12 @@ class SkinningGradient {
   uint64_t scratch_floats() const;
 
   // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=, or += with
-  // accumulate), and the pose's gradient (+=), each where wanted.
+  // accumulate), and the pose's gradient (+=), each where wanted. Skinning::backward: the posed points of the rows are
+  // targets[samples].
   struct Wanted {
     bool weights = true;
     PoseGradient* pose = nullptr;
+    BufferSlice targets = {}, samples = {};
   };
   void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch,
                              const Wanted& wanted);
@@ -30,11 +32,13 @@ class SkinningGradient {
     record_from_positions(commands, frame, rows, canonical, upstream, accumulate, scratch, Wanted{});
   }
 
-  // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
-  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);
+  // Uploads a batch of `points` of the pool, with Skinning::backward moved by these bones; then the loss and its effective weight gradients (=, or += with accumulate).
+  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones);
   void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
 
  private:
+  bool asks_posed_points() const { return networks_.spec().skinning.kind == Skinning::backward; }
+
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t points_;

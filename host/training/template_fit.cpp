@@ -6,6 +6,7 @@
 #include <random>
 #include <stdexcept>
 
+#include "host/body/canonical.h"
 #include "host/training/skinning_gradient.h"
 #include "kernels/optimizer/adam.h"
 #include "shaders/shared/frame.h"
@@ -16,6 +17,8 @@ namespace {
 constexpr uint32_t points = 2048;  // a step
 constexpr double distance_weight = 10, eikonal_weight = 0.1;  // RECIPE.md §1, "init"
 constexpr uint64_t eikonal_every = 4;
+// Radians about each axis of each joint, of the poses that a backward network begins with.
+constexpr double deviation_from_rest = 0.3, deviation_from_given = 0.05;
 constexpr double end_fraction = 0.02;  // of the rate, by a cosine
 
 // Adam over one group of the flat buffer.
@@ -53,12 +56,12 @@ double rate_at(double rate, uint32_t step, uint32_t steps) {
 
 }  // namespace
 
-TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress) {
+TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress, const std::vector<Pose>& poses) {
   const TemplateSamples samples = draw_template_samples(avatar, settings.seed);
   AvatarNetworks networks(device, avatar, true);
   Commands commands(device);
   std::mt19937_64 generator(settings.seed ^ 0x51f7ull);
-  const bool skins = avatar.spec.skinning.kind == Skinning::network;
+  const bool skins = avatar.spec.skinning.learned();
   const double all = settings.fit_steps + (skins ? settings.fit_skinning_steps : 0);
   auto report = [&](double done) {
     if (progress && !progress(done / std::max(all, 1.0))) throw std::runtime_error("stopped");
@@ -129,15 +132,28 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
     Buffer skinning_scratch(device, "fit: partial sums of skinning", 4 * gradient.scratch_floats(), BufferPlace::device);
     Buffer losses(device, "fit: losses", 256, BufferPlace::shared);
     GroupOptimizer skinning(device, networks, "skinning");
-    // Only the cube's map is read of a frame here.
-    FrameConstants constants{};
-    constants.cube_scale = static_cast<float>(1 / unit);
-    for (int axis = 0; axis < 3; ++axis) constants.cube_offset[axis] = static_cast<float>(avatar.cube.to_cube(glm::dvec3(0))[axis]);
-    Buffer frame(device, "fit: cube", sizeof constants, BufferPlace::device);
-    device.upload(frame.slice(), &constants, sizeof constants);
+    // Of a frame only the cube's map is read here, and by a backward network the pose: another one in each step.
+    const bool posed = avatar.spec.skinning.kind == Skinning::backward;
+    std::vector<glm::dmat4> bones;
+    const FrameConstants cube = frame_constants(avatar.cube, bones, glm::dvec3(0));
+    Buffer frame(device, "fit: frame", sizeof cube, BufferPlace::device);
+    device.upload(frame.slice(), &cube, sizeof cube);
+    const auto joints = static_cast<uint32_t>(avatar.body.skeleton.size());
+    Buffer rotations(device, "fit: rotations of joints", std::max(pose_inputs(joints) * 4ull, 256ull), BufferPlace::device);
+    const auto take_pose = [&] {
+      std::normal_distribution<double> angle(0, poses.empty() ? deviation_from_rest : deviation_from_given);
+      Pose pose = poses.empty() ? rest_pose(avatar.body.skeleton) : poses[std::uniform_int_distribution<size_t>(0, poses.size() - 1)(generator)];
+      for (glm::dvec3& theta : pose.theta) theta += glm::dvec3{angle(generator), angle(generator), angle(generator)};
+      bones = bone_transforms(avatar.body.skeleton, avatar.canonical, pose);
+      const FrameConstants constants = frame_constants(avatar.cube, bones, glm::dvec3(0));
+      device.upload(frame.slice(), &constants, sizeof constants);
+      device.upload(rotations.slice(), joint_rotations(pose));
+      networks.record_pose(commands, rotations.slice());
+    };
     for (uint32_t step = 0; step < settings.fit_skinning_steps; ++step) {
       const bool last = step + 1 == settings.fit_skinning_steps;  // measured on the surface as training does, and not stepped
-      gradient.set_surface(step % 2 && !last ? samples.around : samples.surface, generator);
+      if (posed) take_pose();
+      gradient.set_surface(step % 2 && !last ? samples.around : samples.surface, generator, bones);
       commands.fill(networks.gradients(), 0);
       commands.fill(losses.slice(), 0);
       networks.record_pack(commands, 0, {});

@@ -4,6 +4,7 @@
 
 #include <functional>
 
+#include "host/body/pose.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_settings.h"
 
@@ -17,6 +18,8 @@ struct TemplateFit {
 // Trains the avatar's sdf and skinning parameters for settings.fit_steps and fit_skinning_steps.
 // The SDF's target is the template's distance less settings.clothing: people wear clothes.
 // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
-TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress = {});
+// poses: those that a backward skinning network (Skinning::backward) begins with, each with a little noise; none: poses about
+// the resting one.
+TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress = {}, const std::vector<Pose>& poses = {});
 
 }  // namespace arah

@@ -14,6 +14,7 @@
 #include "host/avatar/avatar_file.h"
 #include "host/input_error.h"
 #include "host/rendering/memory_plan.h"
+#include "host/training/view_augmentation.h"
 #include "kernels/compositing/backward.h"
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
@@ -67,12 +68,16 @@ uint32_t shaded_in_a_pass(Device& device, const AvatarSpec& spec, const Training
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
     : samples(device, networks, pass_rays, settings.sampling),
-      shaded(device, networks, pass_rays, settings.sampling.samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)),
-      eikonal_tape(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order),
-      sign_tape(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order) {
+      shaded(device, networks, pass_rays, settings.sampling.samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
+  check_settings(settings, networks.spec(), "training");
+  if (networks.spec().sdf.kind == FieldKind::sdf) {
+    eikonal_tape.emplace(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order);
+    sign_tape.emplace(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order);
+  }
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
-  if (networks.spec().skinning.kind == Skinning::network) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
+  if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
+  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
   if (settings.pose_refinement) pose_gradient.emplace(device, networks, shaded.field().shaded_capacity());
   if (settings.sampling.mode == SamplingMode::surface) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
   // Where memory is too short for all rays together, it is short for this too.
@@ -98,7 +103,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
   squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
   norms = make("norms of gradients", layout.groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
-  scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape.capacity()), networks.sdf().weight_gradient_scratch(sign_tape.capacity()),
+  scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape ? eikonal_tape->capacity() : 1), networks.sdf().weight_gradient_scratch(sign_tape ? sign_tape->capacity() : 1),
                                                                    skinning ? skinning->scratch_floats() : 64, shaded.field().scratch_floats()}));
 }
 
@@ -238,7 +243,7 @@ Trainer::Batch Trainer::draw_batch(std::mt19937_64& generator, const std::vector
 std::vector<float> Trainer::draw_pose_input(size_t frame, uint32_t number) {
   std::vector<float> input = pose_input(avatar_, images_.poses()[frame]);
   if (input.empty() || settings_.pose_noise == 0) return input;
-  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 3 + 16 * number);
+  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 4 + 16 * number);
   if (!(std::uniform_real_distribution<double>(0, 1)(generator) < settings_.pose_noise_probability)) return input;
   std::normal_distribution<double> noise(0, settings_.pose_noise);
   for (size_t i = 0; i < 9 * avatar_.body.skeleton.size(); ++i) input[i] += static_cast<float>(noise(generator));
@@ -276,35 +281,37 @@ void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
 }
 
 void Trainer::upload_regulariser_points(uint32_t frame_of_step) {
+  if (!room_.eikonal_tape) return;
   std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1 + 16 * frame_of_step);
   std::uniform_real_distribution<float> cube(-1, 1);
   auto pick = [&](const std::vector<glm::vec3>& pool) { return pool[std::uniform_int_distribution<size_t>(0, pool.size() - 1)(generator)]; };
   auto put = [](std::vector<float>& rows, size_t row, const glm::vec3& n) {
     for (int axis = 0; axis < 3; ++axis) rows[row * channel_padding + static_cast<size_t>(axis)] = n[axis];
   };
-  std::vector<float> eikonal(size_t(room_.eikonal_tape.capacity()) * channel_padding, 0.0f), sign(size_t(room_.sign_tape.capacity()) * channel_padding, 0.0f);
+  std::vector<float> eikonal(size_t(room_.eikonal_tape->capacity()) * channel_padding, 0.0f), sign(size_t(room_.sign_tape->capacity()) * channel_padding, 0.0f);
   for (uint32_t i = 0; i < settings_.eikonal_points; ++i) {
     const float x = cube(generator), y = cube(generator), z = cube(generator);
     put(eikonal, i, {x, y, z});
   }
   for (uint32_t i = 0; i < settings_.off_surface_points; ++i) put(sign, i, avatar_.cube.to_cube(pick(template_samples_.off_surface)));
   for (uint32_t i = 0; i < settings_.inside_points; ++i) put(sign, padded_points(settings_.off_surface_points) + i, avatar_.cube.to_cube(pick(template_samples_.inside)));
-  device_.upload(room_.eikonal_tape.input().slice, eikonal);
-  device_.upload(room_.sign_tape.input().slice, sign);
+  device_.upload(room_.eikonal_tape->input().slice, eikonal);
+  device_.upload(room_.sign_tape->input().slice, sign);
 }
 
 void Trainer::record_regularisers() {
+  if (!room_.eikonal_tape) return;
   // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points. Of several frames each has its part.
   const float frames = static_cast<float>(settings_.frames_per_step);
   const PointRange eikonal{settings_.eikonal_points, {}};
-  networks_.sdf().record_forward(commands_, room_.eikonal_tape, eikonal, true);
-  networks_.sdf().record_gradient(commands_, room_.eikonal_tape, eikonal, true);
+  networks_.sdf().record_forward(commands_, *room_.eikonal_tape, eikonal, true);
+  networks_.sdf().record_gradient(commands_, *room_.eikonal_tape, eikonal, true);
   EikonalLossArgs loss;
   loss.points = settings_.eikonal_points;
   loss.normaliser = 2.0f * float(settings_.eikonal_points) * frames;
   loss.weight = static_cast<float>(settings_.eikonal_weight);
-  loss.gradients = room_.eikonal_tape.gradient();
-  loss.d_gradients = room_.eikonal_tape.gradient_cotangent();
+  loss.gradients = room_.eikonal_tape->gradient();
+  loss.d_gradients = room_.eikonal_tape->gradient_cotangent();
   loss.losses = room_.losses.slice();
   loss.slot = eikonal_slot;
   loss.partials = room_.partials.slice();
@@ -313,19 +320,19 @@ void Trainer::record_regularisers() {
   backward.gradient = true;
   backward.accumulate = true;
   backward.scratch = room_.scratch.slice();
-  networks_.sdf().record_backward(commands_, room_.eikonal_tape, eikonal, backward);
+  networks_.sdf().record_backward(commands_, *room_.eikonal_tape, eikonal, backward);
 
   const uint32_t inside_first = padded_points(settings_.off_surface_points);
   const PointRange sign{inside_first + settings_.inside_points, {}};
-  networks_.sdf().record_forward(commands_, room_.sign_tape, sign, true);
+  networks_.sdf().record_forward(commands_, *room_.sign_tape, sign, true);
   auto penalty = [&](SdfPenalty kind, uint32_t first, uint32_t points, double weight, LossSlot slot) {
     SdfPenaltyArgs args;
     args.penalty = kind;
     args.points = points;
     args.normaliser = 2.0f * float(points) * frames;
     args.weight = static_cast<float>(weight);
-    args.sdf = room_.sign_tape.sdf().rows_from(first);
-    args.d_sdf = room_.sign_tape.sdf_cotangent().rows_from(first);
+    args.sdf = room_.sign_tape->sdf().rows_from(first);
+    args.d_sdf = room_.sign_tape->sdf_cotangent().rows_from(first);
     args.losses = room_.losses.slice();
     args.slot = slot;
     args.partials = room_.partials.slice();
@@ -334,7 +341,7 @@ void Trainer::record_regularisers() {
   penalty(SdfPenalty::off_surface, 0, settings_.off_surface_points, settings_.off_surface_weight, off_surface_slot);
   penalty(SdfPenalty::inside, inside_first, settings_.inside_points, settings_.inside_weight, inside_slot);
   backward.gradient = false;
-  networks_.sdf().record_backward(commands_, room_.sign_tape, sign, backward);
+  networks_.sdf().record_backward(commands_, *room_.sign_tape, sign, backward);
 }
 
 AdamArgs Trainer::adam_args(Group& group, double factor) const {
@@ -424,7 +431,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   const uint32_t first_of_step = batch.picture * padded_points(settings_.rays) + first;
   const bool accumulate = first > 0 || !batch.first_of_frame;
   room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first_of_step});
-  if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight})) {
+  if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight, .view_rotation = view_rotation_})) {
     room_.samples.root_finder().restore_counts(counts);  // of a pass that did not happen
     const uint32_t half = padded_points(rays / 2);
     run_pass(frame, batch, hits, first, half, skinning_step);
@@ -473,7 +480,8 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   const Field::Inputs& at = room_.shaded.inputs();
   PoseGradient* pose = pose_step_ ? &*room_.pose_gradient : nullptr;
   if (room_.skinning && (skinning_step || pose))
-    room_.skinning->record_from_positions(commands_, frame, at.rows, at.canonical, field.position_gradient(), accumulate, room_.scratch.slice(), {.weights = skinning_step, .pose = pose});
+    room_.skinning->record_from_positions(commands_, frame, at.rows, at.canonical, field.position_gradient(), accumulate, room_.scratch.slice(),
+                                          {.weights = skinning_step, .pose = pose, .targets = room_.samples.root_finder().targets(), .samples = at.samples});
   else if (pose)
     pose->record_add_by_vertex(commands_, frame, room_.samples.root_finder(), {{at.rows, {}}, at.samples}, at.canonical, field.position_gradient());
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
@@ -485,6 +493,7 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
   const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(number)) : 0;
   upload_regulariser_points(frame_of_step);
   commands_.stage("weights");
+  networks_.record_pose(commands_, frame.joint_rotations());
   networks_.record_pack(commands_, row, draw_pose_input(number, frame_of_step));
   for (const Batch& batch : batches) {
     const uint64_t first_of_step = uint64_t(batch.picture) * padded_points(settings_.rays);
@@ -511,10 +520,14 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
 StepReport Trainer::step(uint64_t steps_left) {
   if (with_grids() && steps_ % settings_.grid_steps == 0) solve_correspondences();
   const std::vector<std::vector<Batch>> frames = draw_batches();
+  if (avatar_.spec.color.view) {
+    std::mt19937_64 generator = step_generator(settings_.seed, steps_, 3);
+    view_rotation_ = draw_view_rotation(settings_.view_augmentation, generator);
+  }
   const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
     std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
-    room_.skinning->set_surface(template_samples_.surface, generator);
+    room_.skinning->set_surface(template_samples_.surface, generator, images_.frame(frames[0][0].place.frame).bones());
   }
 
   pose_step_ = refinement_ && steps_ % settings_.poses_every == 0 && rate_factor(settings_.poses, settings_, steps_, done_) > 0;

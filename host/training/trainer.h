@@ -86,7 +86,7 @@ class Trainer {
     RaySamples samples;
     ShadedRays shaded;
     std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
-    SirenTape eikonal_tape, sign_tape;
+    std::optional<SirenTape> eikonal_tape, sign_tape;  // where there is a surface
     std::optional<SkinningGradient> skinning;
     std::optional<PoseGradient> pose_gradient;  // where poses are refined
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
@@ -144,6 +144,7 @@ class Trainer {
   std::vector<Group> groups_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
   bool pose_step_ = false;       // whether the step moves its frame's pose
+  std::optional<std::array<float, 9>> view_rotation_;  // of the step's view directions
   uint32_t passes_done_ = 0;     // of the step so far
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour
   uint64_t person_rays_ = 0, person_hits_ = 0;  // of the step so far

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "host/avatar/avatar_file.h"
+#include "host/avatar/spec_choice.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -86,6 +87,7 @@ class TrainingRun {
         folder_(options.folder) {}
 
   RunResult run() {
+    check_settings(settings_, config_.spec, "training");
     std::optional<SafetensorsFile> saved;
     if (options_.resume) {
       folder_.reopen(config_);
@@ -138,6 +140,12 @@ class TrainingRun {
     }
   }
 
+  std::vector<Pose> training_poses() const {
+    std::vector<Pose> poses;
+    for (const int frame : training_frames(capture_)) poses.push_back(find_frame(motion_of(capture_, "train"), frame)->pose);
+    return poses;
+  }
+
   RunResult fresh() {
     check_pictures();
     Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
@@ -148,7 +156,7 @@ class TrainingRun {
         RunEvent fitting;
         fitting.fraction = fraction;
         return tell(fitting);
-      });
+      }, training_poses());
     } catch (const std::runtime_error&) {
       if (!stopped_) throw;
       if (!options_.resume) folder_.discard();

@@ -54,6 +54,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("root_tolerance", s.sampling.root.tolerance);
   visit("root_correspondence", s.sampling.root.correspondence);
   visit("grid_steps", s.grid_steps);
+  visit("view_augmentation", s.view_augmentation);
   visit("least_weight", s.least_weight);
   visit("color_weight", s.color_weight);
   visit("alpha_weight", s.alpha_weight);
@@ -193,6 +194,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.mask_fraction = 0.5;
     s.sampling.mode = SamplingMode::surface;
     s.sampling.samples = 64;
+    s.view_augmentation = 0.5;
     s.least_weight = 0;
     s.sampling.root.max_iterations = 50;
     s.sampling.root.tolerance = 1e-5f;
@@ -239,12 +241,22 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   if (settings.poses_every == 0) throw InputError(where, "poses_every", "at least 1", "0");
   if (!(settings.shell_drift >= 0 && settings.disturb_degrees >= 0 && settings.disturb_metres >= 0))
     throw InputError(where, "shell_drift, disturb_degrees, disturb_metres", "numbers of at least 0", fmt::format("{}, {}, {}", settings.shell_drift, settings.disturb_degrees, settings.disturb_metres));
+  if (!(settings.view_augmentation >= 0 && settings.view_augmentation <= 1)) throw InputError(where, "view_augmentation", "a probability from 0 to 1", fmt::format("{}", settings.view_augmentation));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
   if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
     throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
   return settings;
+}
+
+void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where) {
+  if (spec.skinning.kind == Skinning::backward && settings.sampling.mode != SamplingMode::shell)
+    throw InputError(where, "sampling_mode", "shell with skinning.kind backward, which knows no way from the surface to posed space", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
+  if (spec.sdf.kind == FieldKind::density && settings.sampling.mode != SamplingMode::shell)
+    throw InputError(where, "sampling_mode", "shell with sdf.kind density, which has no surface to search", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
+  if (spec.skinning.kind == Skinning::backward && settings.pose_refinement)
+    throw InputError(where, "pose_refinement", "false with skinning.kind backward, whose weights follow the pose themselves", "true", "arah train: --set pose_refinement=false");
 }
 
 double half_width(const TrainingSettings& settings, uint64_t step) {

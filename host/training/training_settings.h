@@ -38,11 +38,13 @@ struct TrainingSettings {
   // latter linearly over half_width_steps, so that a shape that is still far from the pictures is seen. 0: half_width from the start.
   double half_width_start = 0;
   uint64_t half_width_steps = 1000;
+  double view_augmentation = 0;  // probability 0..1 that a step rotates the colour's view directions (view_augmentation.h); idle without them
   double least_weight = 1e-3;    // samples whose compositing weight is at most this are black and pass no gradient on; 0: exact
 
   uint64_t grid_steps = 4000;    // steps between two searches at the nodes of all frames' grids (root_correspondence)
 
   double color_weight = 30, alpha_weight = 1;
+  // The first three act on a surface; with sdf.kind density they are idle.
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
   double parameter_weight = 100;  // of the size of the SDF's parameters, |φ| / n (ARAH.md §7); where the SDF follows the pose
   // Where the SDF follows the pose: with this probability normal noise of deviation pose_noise is added to every number of the
@@ -88,6 +90,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
 
 // Of a step, of all its pictures.
 inline uint32_t all_rays(const TrainingSettings& settings) { return settings.rays * settings.frames_per_step * settings.pictures_per_frame; }
+// Throws InputError naming `where` and the setting that does not go with such an avatar.
+void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where);
 
 // Of the dense samples around the surface at a step, metres.
 double half_width(const TrainingSettings& settings, uint64_t step);

@@ -47,16 +47,19 @@ void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args) 
 
   struct {
     uint32_t samples_per_ray, row_stride, row_column, row_groups, feature_stride, feature_column;
+    std::array<float, 9> view_rotation;
   } const constants{args.samples_per_ray,     args.rows.stride / group,
                     args.rows.column / group, padded_channels(args.channels) / group,
-                    args.feature.stride / 4,  args.feature.column / 4};
+                    args.feature.stride / 4,  args.feature.column / 4,
+                    args.view_rotation.value_or(std::array<float, 9>{})};
   const uint32_t points = padded_points(args.points);
   const uint32_t head_groups = divided_up(row.feature_column(), group);
   const bool indexed = !args.samples.empty();
+  const bool turned = row.view && row.canonical, rotated = row.view && args.view_rotation, normals = row.normal || rotated;
   const uint32_t rays = padded_points(divided_up(indexed ? args.sample_count : args.points, args.samples_per_ray));
 
   std::vector<uint32_t> constant_words = specialization(row);
-  constant_words.push_back(indexed);
+  constant_words.insert(constant_words.end(), {indexed, turned, rotated});
   Launch launch;
   launch.pipeline = &commands.device().pipeline("color/assemble_inputs", constant_words);
   launch.name = "colour inputs";
@@ -64,15 +67,16 @@ void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args) 
   launch.bindings = {{args.frame, sizeof(FrameConstants)},
                      {args.canonical, points * uint64_t(16)},
                      row.view ? Binding{args.rays, rays * sizeof(Ray)} : Binding{args.canonical},
-                     row.normal ? Binding{args.normals, points * uint64_t(16)} : Binding{args.canonical},
+                     normals ? Binding{args.normals, points * uint64_t(16)} : Binding{args.canonical},
                      row.feature_channels > 0 ? Binding{args.feature.slice, matrix_bytes(args.feature, args.points)}
                                               : Binding{args.canonical},
                      {args.rows.slice, matrix_bytes(args.rows, args.points)},
-                     indexed ? Binding{args.samples, points * uint64_t(4)} : Binding{args.canonical}};
+                     indexed ? Binding{args.samples, points * uint64_t(4)} : Binding{args.canonical},
+                     turned ? Binding{args.transforms, points * uint64_t(48)} : Binding{args.canonical}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   launch.cost = {
-      0, 4.0 * points * (4 + 4 * row.view + 4 * row.normal + row.feature_channels + padded_channels(args.channels))};
+      0, 4.0 * points * (4 + 4 * row.view + 4 * normals + 12 * turned + row.feature_channels + padded_channels(args.channels))};
   commands.dispatch(launch);
 }
 

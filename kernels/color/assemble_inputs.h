@@ -1,7 +1,9 @@
 // The colour network's input rows from their parts, and the way back (ARAH.md section 3; kernels/reference/color.h).
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 
 #include "kernels/linear/matrix.h"
 #include "kernels/vulkan/commands.h"
@@ -15,13 +17,17 @@ struct ColorRow {
   bool view = false;
   bool normal = false;
   uint32_t feature_channels = 0;
+  bool canonical = false;  // the view direction is turned into the canonical pose's axes
 
   static constexpr uint32_t view_channels = 27;  // v and sines and cosines of 1, 2, 4, 8 times v
   uint32_t feature_column() const { return 3 + (view ? view_channels : 0) + (normal ? 3 : 0); }
   uint32_t grid_column() const { return feature_column() + feature_channels; }  // the first column after these parts
 };
 
-// n(x) = x · cube_scale + cube_offset; v = −direction of the sample's ray, world axes; the normal as it is.
+// n(x) = x · cube_scale + cube_offset; v = −direction of the sample's ray, world axes; with row.canonical T₃ₓ₃⁻¹ v, where
+// |det T₃ₓ₃| > 1e-3 (of rotations blended until they all but cancel, T tells no direction, and v stays); the normal as it is.
+// With view_rotation R the row gets the direction of R v where that lies less than 90° from the normal, so that the surface
+// could be seen so, and of v elsewhere (ARAH.md section 7, augmentation).
 struct AssembleInputsArgs {
   ColorRow row;
   uint32_t points = 0;           // rows; all of padded_points(points) are written
@@ -29,12 +35,14 @@ struct AssembleInputsArgs {
   BufferSlice frame;             // FrameConstants
   BufferSlice canonical;         // vec4 [padded points]: x in metres; w unused
   BufferSlice rays;              // Ray [padded rays]; read with row.view, else may be empty
-  BufferSlice normals;           // vec4 [padded points]; read with row.normal, else may be empty
+  BufferSlice normals;           // vec4 [padded points]; read with row.normal or a view_rotation, else may be empty
   Matrix feature;                // [points][feature_channels]; empty where feature_channels is 0
   Matrix rows;                   // [points][channels]
   uint32_t channels = 0;  // of a row with its grid columns; columns from grid_column() to the padded width become 0
   BufferSlice samples = {};   // uint32 [padded points]: the sample that row p is of; empty: p
   uint32_t sample_count = 0;  // with `samples`: how many samples these are of
+  BufferSlice transforms = {};  // three vec4 by row: of record_lbs; read with row.canonical and row.view, else may be empty
+  std::optional<std::array<float, 9>> view_rotation = {};  // rows of a rotation; without row.view ignored
 };
 // Throws std::invalid_argument where `channels` is less than the parts need or a matrix is too narrow.
 void record_assemble_inputs(Commands& commands, const AssembleInputsArgs& args);

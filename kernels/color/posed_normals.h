@@ -1,4 +1,4 @@
-// Normals of samples, turned from canonical to posed space.
+// Normals of samples, turned from canonical to posed space or left as they are.
 #pragma once
 
 #include "kernels/linear/matrix.h"
@@ -10,7 +10,7 @@ namespace arah {
 struct PosedNormalsArgs {
   uint32_t rows = 0;
   Matrix gradients;        // [rows][3]: ∂f/∂n of the sdf network
-  BufferSlice transforms;  // three vec4 by row: of record_lbs
+  BufferSlice transforms;  // three vec4 by row: of record_lbs; empty: T is the identity
   BufferSlice normals;     // out, vec4 by row, w = 0
   bool unit_length = true;
 };

@@ -10,7 +10,7 @@ namespace arah {
 struct PosedNormalsBackwardArgs {
   uint32_t rows = 0;
   BufferSlice d_normals;   // vec4 by row: dL/dnormal, w unused
-  BufferSlice transforms;  // three vec4 by row, as in the forward run
+  BufferSlice transforms;  // three vec4 by row, as in the forward run, or empty
   Matrix d_gradients;      // out (=), by row [8]: dL/d(∂f/∂n) in channels 0..2, zeros in 3..7; 0 where d_normal is 0
 };
 // Throws std::invalid_argument where d_gradients has no room for the eight channels.

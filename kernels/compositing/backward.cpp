@@ -25,7 +25,7 @@ void record_composite_backward(Commands& commands, const CompositeBackwardArgs& 
                                                      args.d_rgb.stride,         args.d_rgb.column, padded};
   Launch launch;
   launch.pipeline =
-      &commands.device().pipeline("compositing/backward", {args.d_sdf_columns / 4, args.d_rgb_columns / 4, by_slot ? shared::SHADING_BY_SLOT : shared::SHADING_BY_ROW});
+      &commands.device().pipeline("compositing/backward", {args.d_sdf_columns / 4, args.d_rgb_columns / 4, by_slot ? shared::SHADING_BY_SLOT : shared::SHADING_BY_ROW, static_cast<uint32_t>(s.density)});
   launch.name = "compositing backward";
   launch.groups = {padded_points(s.rays) / point_padding, 1, 1};
   launch.bindings = {{s.sdf.slice, rows * s.sdf.stride * 4},

@@ -14,7 +14,7 @@ void record_composite_forward(Commands& commands, const CompositeForwardArgs& ar
                            : s.groups        ? shared::SHADING_BY_GROUP
                                              : shared::SHADING_BY_SLOT;
   Launch launch;
-  launch.pipeline = &commands.device().pipeline("compositing/forward", {differences ? 1u : 0u, shading});
+  launch.pipeline = &commands.device().pipeline("compositing/forward", {differences ? 1u : 0u, shading, static_cast<uint32_t>(s.density)});
   launch.name = selects ? "compositing weights" : "compositing forward";
   launch.groups = {padded_points(s.rays) / point_padding, 1, 1};
   launch.bindings = {{s.sdf.slice, rows * s.sdf.stride * 4},

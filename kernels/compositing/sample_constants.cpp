@@ -7,6 +7,8 @@
 
 namespace arah {
 
+static_assert(uint32_t(DensityKind::laplace) == shared::DENSITY_LAPLACE && uint32_t(DensityKind::softplus) == shared::DENSITY_SOFTPLUS);
+
 shared::CompositeConstants composite_constants(const CompositeSamples& s, float last_delta, float least_weight) {
   for (const Matrix* matrix : {&s.sdf, &s.rgb})
     if (matrix->stride % 4 || matrix->column % 4)

@@ -5,6 +5,9 @@
 
 namespace arah {
 
+// What the field's values are (kernels/reference/density.h). laplace: signed distances. softplus: −b times a raw density.
+enum class DensityKind : uint32_t { laplace, softplus };
+
 // Row of a sample: ray · samples + sample, depths ascending along the ray.
 struct CompositeSamples {
   uint32_t rays = 0;
@@ -22,6 +25,7 @@ struct CompositeSamples {
   // black but absorb. Empty: all rows are shaded.
   BufferSlice slots;
   uint32_t slot_count = 0;  // length of the queue
+  DensityKind density = DensityKind::laplace;
   bool groups = false;      // a sample in the queue gives its colour to those after it on its ray, up to the next in the queue
 };
 

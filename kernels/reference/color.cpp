@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "kernels/reference/sizes.h"
+#include "kernels/reference/small_matrix.h"
 
 namespace arah::reference {
 namespace {
@@ -14,6 +15,11 @@ std::size_t row_width(const char* what, const std::vector<double>& part, std::si
   const std::size_t width = points == 0 ? 0 : part.size() / points;
   check_size(what, part.size(), points * width);
   return width;
+}
+
+double determinant(const Matrix<3>& m) {
+  return m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+         m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
 }
 
 }  // namespace
@@ -53,6 +59,33 @@ std::vector<double> view_encoding_backward(std::size_t points, std::span<const d
     }
   }
   return d_view;
+}
+
+std::vector<double> color_view(std::size_t points, std::span<const double> view, std::span<const double> transforms,
+                               std::span<const double> rotation, std::span<const double> normal) {
+  check_size("colour view: view", view.size(), points * 3);
+  if (!transforms.empty()) check_size("colour view: transforms", transforms.size(), points * 9);
+  if (!rotation.empty()) check_size("colour view: rotation", rotation.size(), 9);
+  if (!rotation.empty()) check_size("colour view: normal", normal.size(), points * 3);
+  const auto matrix = [](std::span<const double> rows) {
+    return Matrix<3>{{{rows[0], rows[1], rows[2]}, {rows[3], rows[4], rows[5]}, {rows[6], rows[7], rows[8]}}};
+  };
+  std::vector<double> result;
+  for (std::size_t p = 0; p < points; ++p) {
+    const auto turned = [&](const Vector<3>& v) {
+      if (transforms.empty()) return v;
+      const Matrix<3> t = matrix(transforms.subspan(9 * p, 9));
+      return std::abs(determinant(t)) > kLeastBlendDeterminant ? multiply<3>(inverse<3>(t).value(), v) : v;
+    };
+    const Vector<3> v{view[3 * p], view[3 * p + 1], view[3 * p + 2]};
+    Vector<3> taken = turned(v);
+    if (!rotation.empty()) {
+      const Vector<3> rotated = turned(multiply<3>(matrix(rotation), v));
+      if (dot<3>({normal[3 * p], normal[3 * p + 1], normal[3 * p + 2]}, rotated) > 0) taken = rotated;
+    }
+    result.insert(result.end(), taken.begin(), taken.end());
+  }
+  return result;
 }
 
 std::vector<double> color_input(std::size_t points, const ColorInputs& inputs) {

@@ -19,6 +19,15 @@ std::vector<double> view_encoding_backward(std::size_t points, std::span<const d
 
 inline constexpr std::size_t kViewOctaves = 4;
 
+inline constexpr double kLeastBlendDeterminant = 1e-3;  // of a blended transform that tells a direction
+
+// The directions that the colour network takes at points, [points][3].
+// view [points][3]: v, towards the camera, world axes. transforms [points][9]: T by row, then v becomes T⁻¹ v where
+// |det T| > kLeastBlendDeterminant; empty: v stays. rotation: rows of R, or empty; then R v takes the place of v at points whose normal
+// [points][3] it lies less than 90° from, both in the axes of the result. Throws std::invalid_argument where sizes differ.
+std::vector<double> color_view(std::size_t points, std::span<const double> view, std::span<const double> transforms,
+                               std::span<const double> rotation, std::span<const double> normal);
+
 // What the colour at a point may depend on, in the order of the network's input; an empty vector leaves a part out.
 // As a result of color_backward: the gradients of the same shapes.
 struct ColorInputs {

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "kernels/reference/density.h"
-
 namespace arah::reference {
 
 std::vector<double> depth_differences(std::span<const double> depths, std::span<const std::uint8_t> mask, double last) {
@@ -32,7 +30,7 @@ Composite composite(const CompositingInput& input) {
   for (std::size_t i = 0; i < count; ++i) {
     result.transmittance[i] = transmittance;
     if (!input.mask[i]) continue;
-    result.density[i] = laplace_density(input.sdf[i], input.b).value;
+    result.density[i] = density_of(input.density, input.sdf[i], input.b).value;
     result.alpha[i] = -std::expm1(-result.density[i] * input.deltas[i]);
     result.weights[i] = result.alpha[i] * transmittance;
     for (int c = 0; c < 3; ++c) result.colour[c] += result.weights[i] * input.rgb[i][c];
@@ -81,7 +79,7 @@ CompositingGradient composite_backward(const CompositingInput& input, const Comp
     const double of_alpha = forward.transmittance[i] * (of_weight - behind);
     behind = of_weight * forward.alpha[i] + (1 - forward.alpha[i] + kTransmittanceFloor) * behind;
     const double of_density = of_alpha * input.deltas[i] * std::exp(-forward.density[i] * input.deltas[i]);
-    const Density density = laplace_density(input.sdf[i], input.b);
+    const Density density = density_of(input.density, input.sdf[i], input.b);
     gradient.sdf[i] = of_density * density.d_sdf;
     gradient.b += of_density * density.d_b;
   }

@@ -8,6 +8,8 @@
 #include <span>
 #include <vector>
 
+#include "kernels/reference/density.h"
+
 namespace arah::reference {
 
 inline constexpr double kTransmittanceFloor = 1e-7;  // keeps the product's gradient alive behind an opaque sample
@@ -26,6 +28,7 @@ struct CompositingInput {
   std::span<const std::array<double, 3>> rgb;
   std::span<const std::uint8_t> mask;  // 0 = skip
   double b = 0;                        // metres, after clipping (kernels/reference/density.h)
+  DensityKind density = DensityKind::laplace;
 };
 
 // alpha and weights are 0 for masked samples. A ray without samples is black: all zero.

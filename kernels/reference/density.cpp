@@ -29,4 +29,15 @@ Density laplace_density(double sdf, double b) {
   return density;
 }
 
+Density softplus_density(double s, double b) {
+  const double u = -s / b, tail = std::exp(-std::abs(u));
+  const double sigmoid = (u >= 0 ? 1 : tail) / (1 + tail), softplus = std::max(u, 0.0) + std::log1p(tail);
+  Density density;
+  density.value = softplus / b;
+  density.d_sdf = -sigmoid / b / b;
+  // An underflowed sigmoid times an infinite u would be NaN.
+  density.d_b = -(softplus + (sigmoid > 0 ? u * sigmoid : 0)) / b / b;
+  return density;
+}
+
 }  // namespace arah::reference

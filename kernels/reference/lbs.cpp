@@ -3,6 +3,7 @@
 #include <array>
 
 #include "kernels/reference/sizes.h"
+#include "kernels/reference/small_matrix.h"
 
 namespace arah::reference {
 namespace {
@@ -40,6 +41,42 @@ std::vector<double> lbs_forward(std::size_t points, std::span<const double> weig
     }
   }
   return x_bar;
+}
+
+namespace {
+
+Matrix<3> upper_block(std::span<const double> t) {
+  return {{{t[0], t[1], t[2]}, {t[4], t[5], t[6]}, {t[8], t[9], t[10]}}};
+}
+
+}  // namespace
+
+std::vector<double> inverse_blend(std::size_t points, std::span<const double> transforms,
+                                  std::span<const double> x_bar) {
+  check_size("inverse blend: transforms", transforms.size(), points * 16);
+  check_size("inverse blend: x_bar", x_bar.size(), points * 3);
+  std::vector<double> x;
+  for (std::size_t p = 0; p < points; ++p) {
+    const auto t = transforms.subspan(16 * p, 16);
+    const auto inverted = inverse<3>(upper_block(t));
+    const Vector<3> found = multiply<3>(inverted ? *inverted : not_a_matrix<3>(), {x_bar[3 * p] - t[3], x_bar[3 * p + 1] - t[7], x_bar[3 * p + 2] - t[11]});
+    x.insert(x.end(), found.begin(), found.end());
+  }
+  return x;
+}
+
+std::vector<double> inverse_blend_backward(std::size_t points, std::span<const double> weights,
+                                           std::span<const double> bone_transforms, std::span<const double> x,
+                                           std::span<const double> d_x) {
+  check_size("inverse blend backward: d_x", d_x.size(), points * 3);
+  const std::vector<double> blended = blend_transforms(points, weights, bone_transforms);
+  std::vector<double> cotangents;
+  for (std::size_t p = 0; p < points; ++p) {
+    const auto inverted = inverse<3>(upper_block(std::span(blended).subspan(16 * p, 16)));
+    const Vector<3> g = inverted ? multiply_transposed<3>(*inverted, {d_x[3 * p], d_x[3 * p + 1], d_x[3 * p + 2]}) : Vector<3>{};
+    for (double value : g) cotangents.push_back(-value);
+  }
+  return lbs_backward(points, weights, bone_transforms, x, cotangents, {}).weights;
 }
 
 LbsGradients lbs_backward(std::size_t points, std::span<const double> weights, std::span<const double> bone_transforms,

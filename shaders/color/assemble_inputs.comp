@@ -9,6 +9,7 @@
 
 #include "lib/color_row.glsl"
 #include "lib/row_access.glsl"
+#include "lib/view_direction.glsl"
 #include "lib/sine.glsl"
 #include "shared/frame.h"
 
@@ -20,12 +21,16 @@ layout(binding = 3, rgba32f) uniform readonly imageBuffer normals;
 layout(binding = 4, rgba32f) uniform readonly imageBuffer features;
 layout(binding = 5, scalar) restrict writeonly buffer Rows { u64vec4 rows[]; };
 layout(binding = 6, scalar) restrict readonly buffer Samples { uint samples[]; };  // by point; with INDEXED
+layout(binding = 7, rgba32f) uniform readonly imageBuffer transforms;  // three texels by row; with CANONICAL
 layout(constant_id = 3) const bool INDEXED = false;
+layout(constant_id = 4) const bool CANONICAL = false;  // the view direction in the axes of the canonical pose
+layout(constant_id = 5) const bool ROTATED = false;    // by view_rotation, where the surface can be seen so
 layout(push_constant, scalar) uniform Constants {
   uint samples_per_ray;
   uint row_stride, row_column;          // groups of 8 floats
   uint row_groups;                      // groups of 8 floats to write
   uint feature_stride, feature_column;  // texels
+  float view_rotation[9];               // by row
 };
 
 const int HEAD_GROUPS = (FEATURE_AT + 7) / 8;
@@ -45,7 +50,18 @@ void write_head(int point, int feature_base, int row_base) {
   [[unroll]] for (int i = 0; i < 3; ++i) head[i] = x[i];
   if (VIEW != 0) {
     const int sample_index = INDEXED ? int(samples[point]) : point;
-    const vec3 v = -imageLoad(rays, 2 * (sample_index / int(samples_per_ray)) + 1).xyz;
+    const vec3 towards_camera = -imageLoad(rays, 2 * (sample_index / int(samples_per_ray)) + 1).xyz;
+    vec3 rows_of_transform[3];
+    if (CANONICAL)
+      [[unroll]] for (int i = 0; i < 3; ++i) rows_of_transform[i] = imageLoad(transforms, 3 * point + i).xyz;
+    vec3 v = CANONICAL ? canonical_direction(rows_of_transform, towards_camera) : towards_camera;
+    if (ROTATED) {
+      vec3 rotated = vec3(0);
+      [[unroll]] for (int i = 0; i < 3; ++i)
+        rotated[i] = dot(vec3(view_rotation[3 * i], view_rotation[3 * i + 1], view_rotation[3 * i + 2]), towards_camera);
+      if (CANONICAL) rotated = canonical_direction(rows_of_transform, rotated);
+      v = dot(imageLoad(normals, point).xyz, rotated) > 0.0 ? rotated : v;
+    }
     [[unroll]] for (int i = 0; i < 3; ++i) head[VIEW_AT + i] = v[i];
     [[unroll]] for (int octave = 0; octave < OCTAVES; ++octave) {
       vec4 c;

@@ -5,6 +5,7 @@
 
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const int UNIT_LENGTH = 1;
+layout(constant_id = 1) const bool POSED = true;  // else T is the identity: normals of the canonical pose
 layout(binding = 0, rgba32f) uniform readonly imageBuffer gradients;   // channels 0..2 of a matrix: ∂f/∂n
 layout(binding = 1, rgba32f) uniform readonly imageBuffer transforms;  // three vec4 by row
 layout(binding = 2, scalar) restrict writeonly buffer Normals { vec4 normals[]; };
@@ -13,8 +14,10 @@ layout(push_constant) uniform Constants { uint stride, column; };  // texels
 void main() {
   const int row = int(gl_GlobalInvocationID.x);
   const vec3 gradient = imageLoad(gradients, row * int(stride) + int(column)).xyz;
-  const vec3 normal = vec3(dot(imageLoad(transforms, 3 * row).xyz, gradient), dot(imageLoad(transforms, 3 * row + 1).xyz, gradient),
-                           dot(imageLoad(transforms, 3 * row + 2).xyz, gradient));
+  vec3 normal = gradient;
+  if (POSED)
+    normal = vec3(dot(imageLoad(transforms, 3 * row).xyz, gradient), dot(imageLoad(transforms, 3 * row + 1).xyz, gradient),
+                  dot(imageLoad(transforms, 3 * row + 2).xyz, gradient));
   const float squared = dot(normal, normal);
   const float scale = UNIT_LENGTH != 0 ? (squared > 0.0 ? inversesqrt(squared) : 0.0) : 1.0;
   normals[row] = vec4(normal * scale, 0);

@@ -9,6 +9,7 @@
 #include "lib/row_access.glsl"
 
 layout(local_size_x = 64) in;
+layout(constant_id = 0) const bool POSED = true;  // else T is the identity
 layout(binding = 0, rgba32f) uniform readonly imageBuffer d_normals;
 layout(binding = 1, rgba32f) uniform readonly imageBuffer transforms;  // three texels by row
 layout(binding = 2, scalar) restrict writeonly buffer DGradients { u64vec4 d_gradients[]; };
@@ -17,8 +18,10 @@ layout(push_constant) uniform Constants { uint stride, column; };  // groups of 
 void main() {
   const int row = int(gl_GlobalInvocationID.x);
   const vec3 d = imageLoad(d_normals, row).xyz;
-  const vec3 turned = d.x * imageLoad(transforms, 3 * row).xyz + d.y * imageLoad(transforms, 3 * row + 1).xyz +
-                      d.z * imageLoad(transforms, 3 * row + 2).xyz;
+  vec3 turned = d;
+  if (POSED)
+    turned = d.x * imageLoad(transforms, 3 * row).xyz + d.y * imageLoad(transforms, 3 * row + 1).xyz +
+             d.z * imageLoad(transforms, 3 * row + 2).xyz;
   const vec3 result = d == vec3(0) ? vec3(0) : turned;
   d_gradients[row * int(stride) + int(column)] = pack_floats(vec4(result, 0), vec4(0));
 }

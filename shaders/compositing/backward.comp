@@ -17,6 +17,7 @@ layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint d_sdf_quads = 2;  // channels / 4 that are written
 layout(constant_id = 1) const uint d_rgb_quads = 2;
 layout(constant_id = 2) const uint shading = SHADING_BY_ROW;
+layout(constant_id = 3) const uint density_kind = DENSITY_LAPLACE;
 
 layout(push_constant, scalar) uniform Constants { CompositeBackwardConstants c; };
 layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
@@ -60,7 +61,7 @@ void main() {
     float state = imageLoad(points, int(read)).w;
     bool valid = real && state != 0.0 && state != EMPTY;  // an empty one has nothing to teach, and takes 1e-7 of nothing away
     float delta = deltas[read];
-    Density density = laplace_density(metres * imageLoad(sdf, int(read * sdf_stride + sdf_column)).x, b);
+    Density density = density_of(density_kind, metres * imageLoad(sdf, int(read * sdf_stride + sdf_column)).x, b);
     float optical_depth = density.value * delta;
     float passing = exp(-optical_depth);
     float alpha = -stable_expm1(-optical_depth);

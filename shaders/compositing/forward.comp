@@ -18,6 +18,7 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint deltas_are_differences = 0;
 layout(constant_id = 1) const uint shading = SHADING_BY_ROW;
+layout(constant_id = 2) const uint density_kind = DENSITY_LAPLACE;
 
 layout(push_constant, scalar) uniform Constants { CompositeConstants c; };
 layout(binding = 0, rgba32f) uniform readonly imageBuffer sdf;
@@ -70,7 +71,7 @@ void main() {
     float state = imageLoad(points, int(row)).w;
     bool valid = state != 0.0;
     float value = metres * imageLoad(sdf, int(row * sdf_stride + sdf_column)).x;
-    float optical_depth = state == EMPTY ? 0.0 : laplace_density(value, b).value * deltas[row];
+    float optical_depth = state == EMPTY ? 0.0 : density_of(density_kind, value, b).value * deltas[row];
     float alpha = valid ? -stable_expm1(-optical_depth) : 0.0;
     float through = valid ? exp(-optical_depth) + 1e-7 : 1.0;
     float weight = alpha * transmittance;

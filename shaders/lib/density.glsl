@@ -1,7 +1,9 @@
-// Laplace density of a signed distance: the float32 twin of kernels/reference/density.h (ARAH.md section 6).
+// Density of a sample: the float32 twin of kernels/reference/density.h. Laplace, of a signed distance (ARAH.md section 6):
 //   outside (s > 0): σ = exp(−s/b) / 2b,   inside: σ = 1/b − exp(s/b) / 2b.
 #ifndef ARAH_LIB_DENSITY_GLSL
 #define ARAH_LIB_DENSITY_GLSL
+#include "lib/stable.glsl"
+#include "shared/compositing.h"
 
 // b of its free parameter, metres.
 float laplace_scale(float parameter) { return clamp(abs(parameter), 1e-6, 1e6); }
@@ -29,6 +31,26 @@ Density laplace_density(float sdf, float b) {
   density.d_sdf = sdf == 0.0 ? 0.0 : -tail * inverse;
   density.d_b = sdf > 0.0 ? d_tail : -inverse * inverse - d_tail;
   return density;
+}
+
+// σ = softplus(−s/b) / b, of a field that is no distance.
+Density softplus_density(float s, float b) {
+  float inverse = 1.0 / b;
+  float u = -s * inverse;
+  float softplus = max(u, 0.0) + stable_log1p(exp(-abs(u)));
+  float sigmoid = stable_sigmoid(u);
+  Density density;
+  density.value = softplus * inverse;
+  density.d_sdf = -sigmoid * inverse * inverse;
+  // An underflowed sigmoid times an infinite u would be NaN.
+  density.d_b = -(softplus + (sigmoid > 0.0 ? u * sigmoid : 0.0)) * inverse * inverse;
+  return density;
+}
+
+// kind: a specialization constant, DENSITY_LAPLACE or DENSITY_SOFTPLUS.
+Density density_of(uint kind, float s, float b) {
+  if (kind == DENSITY_SOFTPLUS) return softplus_density(s, b);
+  return laplace_density(s, b);
 }
 
 #endif

@@ -13,6 +13,10 @@ const uint SHADING_SELECTS = 2u;
 const uint SHADING_BY_GROUP = 3u;
 const uint NO_SLOT = 0xffffffffu;
 
+// What the density is of: see shaders/lib/density.glsl.
+const uint DENSITY_LAPLACE = 0u;
+const uint DENSITY_SOFTPLUS = 1u;
+
 struct CompositeConstants {
   uint rays;
   uint samples;     // of each ray

@@ -42,12 +42,13 @@ class ColorTest : public DeviceTest {
 struct RowCase {
   ColorRow row;
   uint32_t rays, samples_per_ray, grid_channels, column;
+  bool rotated = false;  // view directions, where the surface could be seen so
 };
 
 class ColorRows : public ColorTest, public testing::WithParamInterface<RowCase> {};
 
 TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
-  const auto [row, ray_count, samples, grid_channels, column] = GetParam();
+  const auto [row, ray_count, samples, grid_channels, column, rotated] = GetParam();
   const uint32_t points = ray_count * samples, padded = padded_points(points), padded_rays = padded_points(ray_count);
   const uint32_t channels = row.grid_column() + grid_channels;
   const uint32_t stride = column + padded_channels(channels) + 8,
@@ -61,7 +62,19 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
     std::copy(direction.begin(), direction.end(), ray.direction);
     ray.near = ray.far = nan;
   }
+  // Blends of rotations that partly cancel, far from singular but for the first three, which tell no direction.
+  std::vector<float> transforms = uniform(padded * 12, -0.3, 0.3);
+  for (size_t p = 0; p < padded; ++p)
+    for (size_t i = 0; i < 3; ++i) transforms[12 * p + 5 * i] += 1;
+  std::fill(transforms.begin(), transforms.begin() + 12, 0.0f);
+  if (points > 2) {
+    std::copy_n(transforms.begin() + 16, 4, transforms.begin() + 12);
+    std::fill(transforms.begin() + 24, transforms.begin() + 36, nan);
+  }
+  // A turn of 120° about (1, 1, 1), and a little: some samples end behind their surface.
+  const std::array<float, 9> rotation{0, 0.28f, 0.96f, 1, 0, 0, 0, 0.96f, -0.28f};
   const FrameConstants frame = frame_constants();
+  Buffer transform_buffer = filled("transforms", transforms);
   Buffer frame_buffer = filled("frame", std::vector<FrameConstants>{frame}),
          canonical_buffer = filled("canonical", canonical);
   Buffer ray_buffer = filled("rays", rays), normal_buffer = filled("normals", normals),
@@ -75,7 +88,9 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
   args.frame = frame_buffer.slice();
   args.canonical = canonical_buffer.slice();
   if (row.view) args.rays = ray_buffer.slice();
-  if (row.normal) args.normals = normal_buffer.slice();
+  if (row.normal || rotated) args.normals = normal_buffer.slice();
+  if (row.canonical) args.transforms = transform_buffer.slice();
+  if (rotated) args.view_rotation = rotation;
   if (row.feature_channels > 0) args.feature = {feature_buffer.slice(), feature_stride, 8};
   args.rows = {row_buffer.slice(), stride, column};
   args.channels = channels;
@@ -83,6 +98,15 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
   commands.submit_and_wait();
   const std::vector<float> rows = device.download<float>(row_buffer.slice());
 
+  const std::vector<double> rotation_truth(rotated ? rotation.begin() : rotation.end(), rotation.end());
+  std::vector<double> transforms_truth;
+  for (uint32_t p = 0; p < points && row.canonical; ++p)
+    for (uint32_t i = 0; i < 9; ++i) transforms_truth.push_back(transforms[12 * p + 4 * (i / 3) + i % 3]);
+  const auto turn = [&](const std::vector<double>& towards_camera) {
+    return reference::color_view(points, towards_camera, transforms_truth, rotation_truth, columns(normals, points, 4, 0, 3));
+  };
+  // 8 |v| of up to some 20, in float32, is the argument of a sine.
+  const double tolerance = row.canonical || rotated ? 1e-5 : 3e-7;
   reference::ColorInputs inputs;
   for (uint32_t p = 0; p < points; ++p) {
     for (uint32_t i = 0; i < 3; ++i) {
@@ -91,11 +115,22 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
       if (row.normal) inputs.normal.push_back(normals[p * 4 + i]);
     }
   }
+  if (row.view) {
+    const std::vector<double> towards_camera = inputs.view;
+    inputs.view = turn(towards_camera);
+    if (rotated && points > 64) {
+      const std::vector<double> all = reference::color_view(points, towards_camera, transforms_truth, {}, {});
+      uint32_t kept = 0;
+      for (uint32_t p = 0; p < points; ++p) kept += inputs.view[3 * p] == all[3 * p];
+      EXPECT_GT(kept, points / 4) << "views of surfaces that could not be seen so stay";
+      EXPECT_LT(kept, 3 * points / 4);
+    }
+  }
   inputs.feature = columns(features, points, feature_stride, 8, row.feature_channels);
   inputs.grid.assign(size_t(points) * (padded_channels(channels) - row.grid_column()),
                      0.0);  // zeros up to the padded width
   expect_close("rows", columns(rows, points, stride, column, padded_channels(channels)),
-               reference::color_input(points, inputs), 3e-7);
+               reference::color_input(points, inputs), tolerance);
   for (uint32_t p = 0; p < padded; ++p) {
     for (uint32_t c = 0; c < column; ++c)
       ASSERT_TRUE(std::isnan(rows[p * stride + c])) << "column " << c << " is not the kernel's";
@@ -115,9 +150,10 @@ TEST_P(ColorRows, HoldTheirPartsInOrderAndHandGradientsBack) {
     for (uint32_t p = 0; p < points; ++p)
       for (uint32_t i = 0; i < 3; ++i)
         inputs.view[3 * p + i] = -double(rays[reversed[p] / samples].direction[i]);
+    inputs.view = turn(inputs.view);
     expect_close("rows of a queue",
                  columns(device.download<float>(row_buffer.slice()), points, stride, column, padded_channels(channels)),
-                 reference::color_input(points, inputs), 3e-7);
+                 reference::color_input(points, inputs), tolerance);
   }
 
   const std::vector<float> d_rows = uniform(padded * stride);
@@ -158,7 +194,13 @@ INSTANTIATE_TEST_SUITE_P(Parts, ColorRows,
                          testing::Values(RowCase{{true, true, 256}, 13, 5, 8, 0},
                                          RowCase{{true, false, 70}, 1, 1, 0, 8}, RowCase{{false, true, 5}, 65, 3, 4, 0},
                                          RowCase{{false, false, 33}, 63, 1, 0, 16},
-                                         RowCase{{true, true, 0}, 200, 1, 0, 0}));
+                                         RowCase{{true, true, 0}, 200, 1, 0, 0},
+                                         RowCase{{true, true, 256, true}, 13, 5, 8, 0},
+                                         RowCase{{true, false, 70, true}, 65, 3, 0, 8},
+                                         RowCase{{false, true, 5, true}, 65, 3, 4, 0},
+                                         RowCase{{true, false, 33}, 66, 2, 0, 0, true},
+                                         RowCase{{true, true, 70, true}, 200, 1, 4, 8, true},
+                                         RowCase{{true, true, 5, true}, 1, 1, 0, 0, true}));
 
 TEST_F(ColorTest, RefusesRowsThatAreTooNarrow) {
   AssembleInputsArgs args;

@@ -95,6 +95,18 @@ TEST_F(Compact, InputRowsHoldCubeCoordinatesAndZeros) {
   commands.submit_and_wait();
   const std::vector<float> found = device.download<float>(inputs.slice());
   expect_all_near("n(x)", rows_of(found, rows, 3, 16, 8), expected, 5e-7);
+
+  // From the root: a point that joint 0's transform made of x has the coordinates of x.
+  const std::vector<double> bone = random_bones(generator, 1, 1);
+  Buffer posed_frame = filled("posed frame", std::vector<FrameConstants>{frame_constants(cube, bone)});
+  std::vector<float> posed(x);
+  for (size_t p = 0; p < 100; ++p)
+    for (size_t i = 0; i < 3; ++i) posed[4 * p + i] = static_cast<float>(bone[4 * i] * x[4 * p] + bone[4 * i + 1] * x[4 * p + 1] + bone[4 * i + 2] * x[4 * p + 2] + bone[4 * i + 3]);
+  Buffer posed_buffer = filled("posed", posed), from_root = filled("from the root", std::vector<float>(128 * 8, 3.0f));
+  record_normalise_inputs(commands, {{{rows, {}}, id_buffer.slice()}, posed_frame.slice(), posed_buffer.slice(), {from_root.slice(), 8, 0}, true});
+  commands.submit_and_wait();
+  expect_all_near("n(B_0⁻¹ x)", rows_of(device.download<float>(from_root.slice()), rows, 3, 8), expected, 2e-6);
+
   for (uint32_t r = 0; r < 128; ++r)
     for (uint32_t column = 0; column < 16; ++column) {
       const bool outside = column < 8;

@@ -25,6 +25,7 @@ struct Batch {
   std::vector<uint8_t> mask;
   float parameter = 0.01F, metres_per_unit = 1;
   std::vector<float> d_colors;  // 4 a ray
+  DensityKind density = DensityKind::laplace;
   size_t rows() const { return size_t(rays) * samples; }
 };
 
@@ -48,7 +49,8 @@ Result truth_of(const Batch& batch, bool differences) {
       if (!differences) deltas.push_back(batch.deltas[i]);
     }
     if (differences) deltas = reference::depth_differences(depths, mask);
-    const reference::CompositingInput input{sdf, deltas, depths, rgb, mask, b};
+    const auto kind = batch.density == DensityKind::laplace ? reference::DensityKind::laplace : reference::DensityKind::softplus;
+    const reference::CompositingInput input{sdf, deltas, depths, rgb, mask, b, kind};
     const reference::Composite forward = reference::composite(input);
     const float* up = &batch.d_colors[4 * ray];
     const auto gradient = reference::composite_backward(input, forward, {up[0], up[1], up[2]}, up[3]);
@@ -68,7 +70,7 @@ class Compositing : public DeviceTest {
  protected:
   // A few b of sdf and depth along each ray, so that nothing saturates.
   Batch random_batch(uint32_t rays, uint32_t samples, float parameter) {
-    Batch batch{rays, samples, {}, {}, {}, {}, {}, parameter, 0.8F, uniform(4 * rays)};
+    Batch batch{rays, samples, {}, {}, {}, {}, {}, parameter, 0.8F, uniform(4 * rays), DensityKind::laplace};
     const double b = std::abs(parameter);
     batch.sdf = uniform(batch.rows(), -2.5 * b, 4 * b);
     batch.rgb = uniform(3 * batch.rows(), 0, 1);
@@ -112,6 +114,7 @@ class Compositing : public DeviceTest {
     forward.samples.deltas = delta_buffer.slice();
     forward.samples.parameters = parameters.slice();
     forward.samples.scale_index = 2;
+    forward.samples.density = batch.density;
     forward.delta_mode = differences ? DeltaMode::differences : DeltaMode::given;
     forward.depths = depth_buffer.slice();
     forward.colors = colors.slice();
@@ -218,6 +221,7 @@ class Compositing : public DeviceTest {
     samples.deltas = delta_buffer.slice();
     samples.parameters = parameters.slice();
     samples.scale_index = 2;
+    samples.density = batch.density;
     CompositeForwardArgs forward;
     forward.samples = samples;
     forward.delta_mode = differences ? DeltaMode::differences : DeltaMode::given;
@@ -289,8 +293,9 @@ TEST_F(Compositing, BothWaysAndBothKindsOfDeltaFollowTheReference) {
     float parameter;
   } cases[] = {{1, 1, 0.01F}, {63, 20, 0.003F}, {65, 33, -0.05F}, {150, 7, 1.0F}};
   for (const auto& shape : cases)
-    for (const bool differences : {false, true}) {
-      const Batch batch = random_batch(shape.rays, shape.samples, shape.parameter);
+    for (const auto& [differences, density] : {std::pair{false, DensityKind::laplace}, {true, DensityKind::laplace}, {false, DensityKind::softplus}, {true, DensityKind::softplus}}) {
+      Batch batch = random_batch(shape.rays, shape.samples, shape.parameter);
+      batch.density = density;
       const Result truth = truth_of(batch, differences), actual = run(batch, differences);
       expect_same(actual, truth, std::to_string(shape.rays) + " x " + std::to_string(shape.samples));
       double scale = 0;  // the sum over samples of what adds up to it
@@ -372,6 +377,25 @@ TEST_F(Compositing, EmptySamplesAreThereWithoutDensity) {
   for (size_t i = 0; i < batch.rows(); ++i)
     if (batch.mask[i] == empty_sample) far.mask[i] = 1, far.sdf[i] = 1e3F;
   expect_same(actual, truth_of(far, true), "empty samples");
+}
+
+// A density without a bound: raw densities from 1e-3 to 1e9, σδ up to 1e12, beside empty space; b from 1e-6 to 1e6.
+TEST_F(Compositing, SoftplusDensitiesStayFiniteAtEveryScale) {
+  for (const float b : {1e-6F, 1e-3F, 1.0F, 1e6F}) {
+    Batch batch = random_batch(64, 24, b);
+    batch.density = DensityKind::softplus;
+    for (size_t i = 0; i < batch.rows(); ++i) {
+      const float raw = std::pow(10.0F, -3.0F + 12.0F * float(i % 24) / 23.0F);
+      batch.sdf[i] = (i / 24 % 2 ? -raw : raw) * b / batch.metres_per_unit;
+      batch.deltas[i] = std::min(1e3F * b, 1.0F);
+    }
+    const Result actual = run(batch, false), truth = truth_of(batch, false);
+    for (const auto* values : {&actual.color, &actual.sums, &actual.weights, &actual.d_sdf, &actual.d_rgb})
+      for (const double value : *values) ASSERT_TRUE(std::isfinite(value)) << b;
+    ASSERT_TRUE(std::isfinite(actual.d_parameter)) << b;
+    golden::expect_close("softplus weights", actual.weights, truth.weights, 4e-6);
+    golden::expect_close("softplus d sdf", actual.d_sdf, truth.d_sdf, 4e-5 * largest(truth.d_sdf));
+  }
 }
 
 TEST_F(Compositing, AThousandOpaqueSamplesStayFinite) {

@@ -46,6 +46,24 @@ TEST_F(PosedNormals, AreTurnedByTheBlendAndBack) {
   }
 }
 
+TEST_F(PosedNormals, StayCanonicalWithoutTransforms) {
+  for (const uint32_t rows : {1u, 65u}) {
+    const uint32_t padded = padded_points(rows), stride = 16, column = 8;
+    const std::vector<float> gradients = uniform(padded * stride), d_normals = uniform(padded * 4);
+    Buffer gradient_buffer = filled("gradients", gradients), d_normal_buffer = filled("d normals", d_normals);
+    Buffer normal_buffer = filled("normals", std::vector<float>(padded * 4, -9.0f)), d_gradient_buffer = filled("d gradients", std::vector<float>(padded * stride, -9.0f));
+    record_posed_normals(commands, {rows, {gradient_buffer.slice(), stride, column}, {}, normal_buffer.slice(), false});
+    record_posed_normals_backward(commands, {rows, d_normal_buffer.slice(), {}, {d_gradient_buffer.slice(), stride, column}});
+    commands.submit_and_wait();
+    const std::vector<float> normals = device.download<float>(normal_buffer.slice()), d_gradients = device.download<float>(d_gradient_buffer.slice());
+    for (uint32_t p = 0; p < rows; ++p)
+      for (uint32_t i = 0; i < 4; ++i) {
+        ASSERT_EQ(normals[4 * p + i], i < 3 ? gradients[p * stride + column + i] : 0.0f);
+        ASSERT_EQ(d_gradients[p * stride + column + i], i < 3 ? d_normals[4 * p + i] : 0.0f);
+      }
+  }
+}
+
 TEST_F(PosedNormals, RefuseGradientsWithoutRoom) {
   Buffer buffer = filled("rows", std::vector<float>(64 * 12));
   EXPECT_THROW(record_posed_normals_backward(commands, {64, buffer.slice(), buffer.slice(), {buffer.slice(), 8, 8}}), std::invalid_argument);

@@ -1,6 +1,8 @@
 // Skinning kernels against the double-precision reference.
 #include "kernels/reference/skinning.h"
 
+#include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "kernels/reduction/sum.h"
@@ -8,6 +10,7 @@
 #include "kernels/reference/lbs.h"
 #include "kernels/reference/losses.h"
 #include "kernels/skinning/implicit_cotangent.h"
+#include "kernels/skinning/inverse_blend.h"
 #include "kernels/skinning/jacobian.h"
 #include "kernels/skinning/lbs.h"
 #include "kernels/skinning/lbs_backward.h"
@@ -313,6 +316,40 @@ TEST_F(Skinning, ImplicitCotangentsAndTheirExceptions) {
   expect_all_near("implicit cotangents", rows_of(device.download<float>(cotangents.slice()), points, 3, 4), expected,
                   2e-4);
   EXPECT_EQ(device.download<uint32_t>(count.slice())[0], 5 + singular);
+}
+
+TEST_F(Skinning, TheBlendIsInvertedWhereItCanBe) {
+  for (const uint32_t points : {1u, 63u, 200u}) {
+    std::vector<double> blends(points * 16, 0.0);
+    std::vector<float> transforms(padded_points(points) * 12, std::numeric_limits<float>::quiet_NaN()), targets = uniform(padded_points(points) * 4, -2, 2);
+    for (uint32_t p = 0; p < padded_points(points); ++p) targets[4 * p + 3] = p % 5 == 4 ? 0.0f : 1.0f;
+    std::vector<double> posed;
+    for (uint32_t p = 0; p < points; ++p) {
+      const std::vector<float> values = uniform(12, -0.3f, 0.3f);
+      for (size_t i = 0; i < 12; ++i) blends[16 * p + i] = values[i] + float(i % 5 == 0 && i < 11);
+      if (p == 7) std::copy_n(&blends[16 * p], 4, &blends[16 * p + 4]);  // two rows alike
+      if (p == 11) blends[16 * p] = std::nan("");
+      for (size_t i = 0; i < 12; ++i) transforms[12 * p + i] = static_cast<float>(blends[16 * p + i]), blends[16 * p + i] = transforms[12 * p + i];
+      blends[16 * p + 15] = 1;
+      for (size_t i = 0; i < 3; ++i) posed.push_back(targets[4 * p + i]);
+    }
+    Buffer target_buffer = filled("targets", targets), transform_buffer = filled("transforms", transforms),
+           canonical = filled("canonical", std::vector<float>(padded_points(points) * 4, 9.0f));
+    record_inverse_blend(commands, {points, target_buffer.slice(), transform_buffer.slice(), canonical.slice()});
+    commands.submit_and_wait();
+    const std::vector<float> result = device.download<float>(canonical.slice());
+    const std::vector<double> truth = reference::inverse_blend(points, blends, posed);
+    std::vector<double> found, expected;
+    for (uint32_t p = 0; p < padded_points(points); ++p) {
+      const bool wanted = p < points && p % 5 != 4 && p != 7 && p != 11;
+      EXPECT_EQ(result[4 * p + 3], wanted ? 1 : 0) << p;
+      for (size_t i = 0; i < 3; ++i) {
+        if (wanted) found.push_back(result[4 * p + i]), expected.push_back(truth[3 * p + i]);
+        else EXPECT_EQ(result[4 * p + i], 0) << p;
+      }
+    }
+    expect_all_near("inverse of the blend", found, expected, 2e-5);
+  }
 }
 
 TEST_F(Skinning, WeightsLossAndItsGradient) {

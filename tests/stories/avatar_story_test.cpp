@@ -302,6 +302,24 @@ TEST_F(Stories, MemoryStaysBelowItsCeiling) {
 }
 
 // The first start compiles and says so; the next one reads the driver's cache.
+TEST_F(Stories, PartsOfTheAvatarAreSetByName) {
+  const Outcome trained = arah(training("parts_by_name", {"--steps", "2", "--size", "64", "--set", "root_correspondence=search", "--set", "spec.color.directions=canonical", "--set", "spec.color.view=true", "--set",
+                                                          "spec.color.normal=true", "--set", "view_augmentation=1"}));
+  ASSERT_EQ(trained.code, 0) << trained.errors;
+  const AvatarSpec spec = load_avatar(at("parts_by_name/avatar.safetensors")).spec;
+  EXPECT_TRUE(spec.color.view && spec.color.normal);
+  EXPECT_EQ(spec.color.directions, DirectionSpace::canonical);
+  const Outcome resumed = arah({"train", capture(), "-o", at("parts_by_name"), "--resume", "--steps", "3", "--set", "spec.color.normal=false"});
+  EXPECT_EQ(resumed.code, 2);
+  EXPECT_THAT(resumed.errors, HasSubstr("spec.color.normal"));
+  for (const char* wrong : {"spec.color.gloss=1", "spec.color.view", "spec.color=3", "spec.=1"}) {
+    const Outcome refused = arah(training("refused", {"--steps", "1", "--set", wrong}));
+    EXPECT_EQ(refused.code, 2) << wrong << refused.errors;
+    EXPECT_THAT(refused.errors, HasSubstr("--set")) << wrong;
+    EXPECT_FALSE(fs::exists(at("refused")));
+  }
+}
+
 TEST_F(Stories, TheSecondStartIsQuick) {
   ASSERT_EQ(arah(training("start", {"--steps", "1"})).code, 0);
   const std::string cache = at("shader-cache");

@@ -27,16 +27,24 @@ TEST(AvatarSpec, PaperPresetHasTheReleasedSizes) {
   EXPECT_THAT(sdf_widths(spec), ElementsAre(3, 256, 256, 256, 256, 256, 256, 1));
   EXPECT_THAT(mapping_widths(spec), ElementsAre(128, 256, 256, 256, 3072));
   EXPECT_THAT(pose_widths(spec, 24), ElementsAre(144, 256, 256));
-  EXPECT_THAT(skinning_widths(spec, 25), ElementsAre(3, 128, 128, 128, 128, 25));
+  EXPECT_THAT(skinning_widths(spec, 25, 24), ElementsAre(3, 128, 128, 128, 128, 25));
   EXPECT_THAT(color_widths(spec), ElementsAre(417, 256, 256, 128, 256, 256, 3));
   EXPECT_EQ(spec.color.skip, 3);
+}
+
+TEST(AvatarSpec, ABackwardNetworkTakesThePoseToo) {
+  AvatarSpec spec = preset_spec("paper");
+  spec.skinning.kind = Skinning::backward;
+  EXPECT_NO_THROW(validate_spec(spec, "spec"));
+  EXPECT_THAT(skinning_widths(spec, 25, 24), ElementsAre(3 + 23 * 9, 128, 128, 128, 128, 25));
+  EXPECT_EQ(spec_from_json(spec_to_json(spec), "spec"), spec);
 }
 
 TEST(AvatarSpec, TinyPresetIsTheRecipe) {
   const AvatarSpec spec = preset_spec("tiny");
   EXPECT_THAT(sdf_widths(spec), ElementsAre(3, 64, 64, 64, 64, 1));
   EXPECT_THAT(mapping_widths(spec), IsEmpty());
-  EXPECT_THAT(skinning_widths(spec, 25), ElementsAre(3, 64, 64, 25));
+  EXPECT_THAT(skinning_widths(spec, 25, 24), ElementsAre(3, 64, 64, 25));
   // x 3, SDF feature 64, two grid levels of 4, latent 16.
   EXPECT_THAT(color_widths(spec), ElementsAre(3 + 64 + 8 + 16, 64, 64, 64, 3));
 }
@@ -69,8 +77,8 @@ TEST(AvatarSpec, OddSpecsSurviveJsonExactly) {
   AvatarSpec spec;
   spec.preset = "odd_1";
   spec.skinning = {Skinning::template_weights, 0, 0};
-  spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2, PoseConditioning::low_rank, 24, 3};
-  spec.color = {53, 4, 2, 19, true, false, false, false};
+  spec.sdf = {37, 3, 29.7, SdfConditioning::latent, 11, 2, PoseConditioning::low_rank, 24, 3, FieldKind::density};
+  spec.color = {53, 4, 2, 19, true, false, false, false, DirectionSpace::canonical};
   spec.latent_size = 7;
   spec.latent_init_std = 1.0 / 3.0;
   spec.b_init = 1e-300;
@@ -94,6 +102,11 @@ TEST(AvatarSpec, PartialJsonChangesOnlyWhatItStates) {
   EXPECT_EQ(spec_with_json(base, R"({"sdf": {"width": 96}, "grid_cells": []})", "text"), expected);
   EXPECT_EQ(spec_with_json(base, "{}", "text"), base);
   expect_input_error([] { spec_from_json(R"({"preset": "tiny"})", "file"); }, {"file", "skinning", "none"});
+  // A file of before there was a choice.
+  auto before = nlohmann::json::parse(spec_to_json(preset_spec("paper")));
+  EXPECT_EQ(before["color"].erase("directions"), 1u);
+  EXPECT_EQ(before["sdf"].erase("kind"), 1u);
+  EXPECT_EQ(spec_from_json(before.dump(), "file"), preset_spec("paper"));
 }
 
 TEST(AvatarSpec, RefusalsNameTheField) {
@@ -112,17 +125,21 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"sdf": {"sine_layers": 17}})", {"sdf.sine_layers", "17"}},
       {R"({"sdf": {"omega": 0}})", {"sdf.omega", "above 0"}},
       {R"({"sdf": {"omega": 1e999}})", {"JSON"}},
-      {R"({"sdf": {"pose": "magic"}})", {"sdf.pose", "none, low_rank or hypernetwork", "'magic'"}},
+      {R"({"sdf": {"pose": "magic"}})", {"sdf.pose", "none or low_rank or hypernetwork", "'magic'"}},
       {R"({"sdf": {"pose": "low_rank"}})", {"sdf.pose_width", "from 1 to"}},
       {R"({"sdf": {"pose": "low_rank", "pose_width": 12, "pose_hidden_layers": 1}})", {"sdf.pose_width", "a multiple of 8"}},
       {R"({"sdf": {"pose_hidden_layers": 1}})", {"sdf.pose_hidden_layers", "0 without sdf.pose"}},
       {R"({"sdf": {"conditioning": "magic"}})", {"sdf.conditioning", "'magic'"}},
+      {R"({"sdf": {"kind": "occupancy"}})", {"sdf.kind", "sdf or density", "'occupancy'"}},
       {R"({"sdf": {"conditioning": "latent"}})", {"sdf.mapping_width", "from 1 to"}},
       {R"({"sdf": {"mapping_width": 8}})", {"sdf.mapping_width", "0 without conditioning"}},
       {R"({"skinning": {"kind": "grid"}})", {"skinning.kind", "not in this version"}},
       {R"({"skinning": {"kind": "none"}})", {"skinning.width", "0 without"}},
       {R"({"skinning": {"hidden_layers": 0}})", {"skinning.hidden_layers", "found 0"}},
       {R"({"color": {"view": 1}})", {"color.view", "true or false"}},
+      {R"({"color": {"view": true, "directions": "world"}})", {"color.directions", "observation or canonical", "'world'"}},
+      {R"({"color": {"directions": true}})", {"color.directions", "a text"}},
+      {R"({"color": {"directions": "canonical"}})", {"color.directions", "without color.view and color.normal"}},
       {R"({"color": {"skip": 4}})", {"color.skip", "from 1 to 3"}},
       {R"({"color": {"skip": 0}})", {"color.skip", "found 0"}},
       {R"({"color": {"skip": 2}})", {"color.narrow", "found 0"}},

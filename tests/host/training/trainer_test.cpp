@@ -158,6 +158,72 @@ TEST_F(TrainerTest, ContinuesBitForBitWithRaysByImportance) {
   for (size_t i = 0; i < 5; ++i) EXPECT_NEAR(parts[i].total, together[i].total, stored_tolerance(i) * together[i].total);
 }
 
+// A step's rotated views change its colours and nothing else that it learns from, whether the colour takes the normal or not,
+// in observation and in canonical space; and they come again in a run that continues.
+TEST_F(TrainerTest, ViewAugmentationChangesColoursAloneAndContinuesBitForBit) {
+  for (const auto& [normal, directions] : {std::pair{false, DirectionSpace::observation}, {true, DirectionSpace::observation}, {true, DirectionSpace::canonical}, {false, DirectionSpace::canonical}}) {
+    AvatarSpec spec = small_spec();
+    spec.color.normal = normal;
+    spec.color.directions = directions;
+    Avatar avatar = make_avatar(spec, small_capture(), 3);
+    TrainingSettings settings = small_settings();
+    fit_template(device, avatar, settings);
+    const auto make = [&](double probability) {
+      settings.view_augmentation = probability;
+      return Trainer(device, small_capture(), avatar, settings);
+    };
+    Trainer never = make(0), always = make(1);
+    const StepReport plain = never.step(20), rotated = always.step(20);
+    EXPECT_NE(rotated.color, plain.color);
+    EXPECT_NEAR(rotated.color, plain.color, 0.1 * plain.color);
+    EXPECT_EQ(rotated.alpha, plain.alpha);
+    EXPECT_EQ(rotated.eikonal, plain.eikonal);
+    EXPECT_EQ(rotated.converged, plain.converged);
+
+    Trainer whole = make(0.5);
+    const std::vector<StepReport> reports = train(whole, 8);
+    Trainer first = make(0.5);
+    train(first, 5);
+    const std::filesystem::path path = small_capture().path / "augmented.safetensors";
+    write_safetensors(path, first.checkpoint());
+    Trainer second = make(0.5);
+    second.resume(read_safetensors(path));
+    expect_same(train(second, 8), {reports.begin() + 5, reports.end()});
+    EXPECT_TRUE(same_bits(parameters(second), parameters(whole)));
+    for (const StepReport& report : reports) EXPECT_TRUE(std::isfinite(report.total));
+  }
+}
+
+// The backward network learns from the pictures alone too, whose gradient reaches it through the correspondences; its pose is
+// that of each step's frame, also in a run that continues.
+TEST_F(TrainerTest, ABackwardSkinningNetworkLearnsFromPicturesAndContinuesBitForBit) {
+  AvatarSpec spec = small_spec();
+  spec.skinning.kind = Skinning::backward;
+  spec.color.normal = true;
+  Avatar avatar = make_avatar(spec, small_capture(), 3);
+  TrainingSettings settings = small_settings();
+  settings.skinning_every = 1;
+  settings.skinning_weight = 0;
+  fit_template(device, avatar, settings);
+  const auto make = [&] { return Trainer(device, small_capture(), avatar, settings); };
+  Trainer whole = make();
+  const std::vector<StepReport> reports = train(whole, 8);
+  for (const StepReport& report : reports) EXPECT_TRUE(std::isfinite(report.total));
+  const std::vector<float> trained = parameters(whole);
+  const ParameterGroup& group = avatar.layout.group("skinning");
+  double moved = 0;
+  for (uint64_t i = group.begin; i < group.end; ++i) moved = std::max(moved, std::abs(double{trained[i]} - avatar.parameters[i]));
+  EXPECT_GT(moved, 1e-4);
+  Trainer first = make();
+  train(first, 5);
+  const std::filesystem::path path = small_capture().path / "backward.safetensors";
+  write_safetensors(path, first.checkpoint());
+  Trainer second = make();
+  second.resume(read_safetensors(path));
+  expect_same(train(second, 8), {reports.begin() + 5, reports.end()});
+  EXPECT_TRUE(same_bits(parameters(second), trained));
+}
+
 // What is learnt from is the same in the mean. The avatar stands still, so that all steps are draws of one number.
 TEST_F(TrainerTest, LossesOfRaysByImportanceAreThoseOfChanceInTheMean) {
   TrainingSettings settings = small_settings();

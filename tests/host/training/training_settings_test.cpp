@@ -34,6 +34,7 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   object["pose_noise_probability"] = 0.25;
   object["frames_per_step"] = 3;  // at most 8
   object["pictures_per_frame"] = 5;
+  object["view_augmentation"] = 0.25;  // a probability
   object["around_surface"] = 19;  // odd, and with those before it no more than all
   object["before_surface"] = 18;
   ASSERT_GT(next, 1070) << "fields";
@@ -81,6 +82,7 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   expect_refused(with("/rays", 4294967297u * 2ull), "rays");
   expect_refused(with("/minutes", "ten"), "minutes");
   for (const double share : {-0.1, 0.95, 1e300}) expect_refused(with("/ray_importance", share), "ray_importance");
+  for (const double probability : {-0.1, 1.1}) expect_refused(with("/view_augmentation", probability), "view_augmentation");
   expect_refused(with("/preset", 3), "preset");
   expect_refused(with("/sdf", 1e-4), "sdf");
   expect_refused(with("/sampling_mode", "anywhere"), "sampling_mode");
@@ -94,6 +96,24 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   expect_refused(shorter, "latent.rate");
   EXPECT_THROW(settings_from_json("{", "config.json"), InputError);
   EXPECT_THROW(settings_from_json("[]", "config.json"), InputError);
+}
+
+TEST(TrainingSettingsTest, ADensityHasNoSurfaceToSampleAround) {
+  AvatarSpec spec = preset_spec("paper");
+  TrainingSettings settings = preset_settings("paper");
+  EXPECT_NO_THROW(check_settings(settings, spec, "training"));
+  spec.sdf.kind = FieldKind::density;
+  try {
+    check_settings(settings, spec, "training");
+    ADD_FAILURE() << "accepted";
+  } catch (const InputError& error) {
+    for (const char* part : {"training", "sampling_mode", "density", "surface"}) EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
+  }
+  spec.sdf.kind = FieldKind::sdf;
+  spec.skinning.kind = Skinning::backward;  // nor a way to one
+  EXPECT_THROW(check_settings(settings, spec, "training"), InputError);
+  settings.sampling.mode = SamplingMode::shell;
+  EXPECT_NO_THROW(check_settings(settings, spec, "training"));
 }
 
 TEST(TrainingSettingsTest, RatesAreFrozenThenWarmedUpThenFallAlongACosine) {

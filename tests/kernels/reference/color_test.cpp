@@ -23,6 +23,37 @@ TEST(ViewEncoding, PutsSinesAndCosinesInOrder) {
   EXPECT_EQ(encoding[24], std::cos(8 * 0.3));
 }
 
+// Of a body turned as a whole, canonical views and normals do not know the turn.
+TEST(ColorView, IsThatOfTheCanonicalPose) {
+  const double c = std::cos(0.7), s = std::sin(0.7);
+  const std::vector<double> turn{c, -s, 0, s, c, 0, 0, 0, 1}, canonical{0.36, -0.48, 0.8};
+  const std::vector<double> posed{c * canonical[0] - s * canonical[1], s * canonical[0] + c * canonical[1], canonical[2]};
+  const std::vector<double> found = color_view(1, posed, turn, {}, {});
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(found[i], canonical[i], 1e-15);
+  EXPECT_EQ(color_view(1, posed, {}, {}, {}), posed);
+  // T times the result is the view again, of any blend.
+  const std::vector<double> blend{0.9, 0.2, -0.1, 0.3, 0.5, 0.1, -0.2, 0, 0.7}, view = color_view(1, posed, blend, {}, {});
+  for (std::size_t i = 0; i < 3; ++i)
+    EXPECT_NEAR(blend[3 * i] * view[0] + blend[3 * i + 1] * view[1] + blend[3 * i + 2] * view[2], posed[i], 1e-15);
+  EXPECT_EQ(color_view(1, posed, std::vector<double>{1, 0, 0, 0, 1, 0, 1, 1, 0}, {}, {}), posed) << "singular";
+}
+
+TEST(ColorView, IsRotatedWhereTheSurfaceCouldBeSeenSo) {
+  const std::vector<double> quarter{0, -1, 0, 1, 0, 0, 0, 0, 1}, view{1, 0, 0, 1, 0, 0, 1, 0, 0};
+  // Normals along the rotated view (0, 1, 0), against it, and across it: 90° are not seen.
+  const std::vector<double> normal{0.1, 2, 0, 0.9, -0.1, 0, 1, 0, 0};
+  EXPECT_EQ(color_view(3, view, {}, quarter, normal), (std::vector<double>{0, 1, 0, 1, 0, 0, 1, 0, 0}));
+  // In canonical space, of the canonical normal: T turns x to y, so that both views come out turned back.
+  const std::vector<double> transforms{0, -1, 0, 1, 0, 0, 0, 0, 1, 0, -1, 0, 1, 0, 0, 0, 0, 1};
+  EXPECT_EQ(color_view(2, std::vector<double>{1, 0, 0, 1, 0, 0}, transforms, quarter, std::vector<double>{1, 0, 0, -1, 0, 0}),
+            (std::vector<double>{1, 0, 0, 0, -1, 0}));
+}
+
+TEST(ColorView, RefusesSizesThatDoNotFit) {
+  EXPECT_THROW(color_view(2, std::vector<double>(6), std::vector<double>(9), {}, {}), std::invalid_argument);
+  EXPECT_THROW(color_view(2, std::vector<double>(6), {}, std::vector<double>(9), {}), std::invalid_argument);
+}
+
 // The paper's shape in small: a concatenation before the third layer, and a part of the inputs chosen by each test.
 DenseNetwork small_network(std::size_t channels) {
   DenseNetwork network;

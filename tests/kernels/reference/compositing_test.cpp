@@ -22,8 +22,9 @@ struct Ray {
   std::vector<std::array<double, 3>> rgb;
   std::vector<std::uint8_t> mask;
   double b = 1e-2;
+  DensityKind density = DensityKind::laplace;
 
-  CompositingInput input() const { return {sdf, deltas, depths, rgb, mask, b}; }
+  CompositingInput input() const { return {sdf, deltas, depths, rgb, mask, b, density}; }
 };
 
 Ray random_ray(int count, double scale, unsigned seed) {
@@ -91,6 +92,35 @@ TEST(LaplaceDensity, DerivativesAgreeWithDifferences) {
       const Density density = laplace_density(s, b);
       const auto value = [&] { return laplace_density(s, scale).value; };
       expect_gradient("density by sdf", value, {&s, 1}, {&density.d_sdf, 1}, 1e-3 * b);
+      expect_gradient("density by b", value, {&scale, 1}, {&density.d_b, 1}, 1e-3 * b);
+    }
+  }
+}
+
+TEST(SoftplusDensity, StableAtEveryScale) {
+  for (double b : {1e-6, 1e-3, 1.0, 1e3, 1e6}) {
+    for (double u : {0.0, 1e-9, 0.5, 1.0, 16.0, 36.0, 700.0, 1e4, 1e9}) {
+      const Density outside = softplus_density(u * b, b), inside = softplus_density(-u * b, b);
+      for (const Density& density : {outside, inside}) {
+        ASSERT_TRUE(std::isfinite(density.value) && std::isfinite(density.d_sdf) && std::isfinite(density.d_b));
+        EXPECT_LE(density.d_sdf, 0);
+      }
+      EXPECT_NEAR((inside.value - outside.value) * b, u, 1e-12 * (1 + u)) << "softplus(u) − softplus(−u) = u";
+      if (u > 36 && u < 700) {
+        EXPECT_NEAR(outside.value * b / std::exp(-u), 1, 1e-12) << "the exponential's tail keeps its digits";
+      }
+    }
+    EXPECT_NEAR(softplus_density(0, b).value * b, std::log(2.0), 1e-15);
+  }
+}
+
+TEST(SoftplusDensity, DerivativesAgreeWithDifferences) {
+  for (double b : {1e-4, 3e-3, 0.7, 1e3}) {
+    for (double u : {-7.0, -1.3, -0.2, 0.0, 0.2, 0.999, 1.3, 7.0}) {
+      double s = u * b, scale = b;
+      const Density density = softplus_density(s, b);
+      const auto value = [&] { return softplus_density(s, scale).value; };
+      expect_gradient("density by s", value, {&s, 1}, {&density.d_sdf, 1}, 1e-3 * b);
       expect_gradient("density by b", value, {&scale, 1}, {&density.d_b, 1}, 1e-3 * b);
     }
   }
@@ -164,8 +194,9 @@ TEST(Compositing, Golden08) {
 
 TEST(Compositing, GradientsAgreeWithDifferences) {
   for (int count : {1, 2, 7, 33}) {
-    for (double scale : {1e-3, 0.05, 2.0}) {
+    for (const auto& [scale, density] : {std::pair{1e-3, DensityKind::laplace}, {0.05, DensityKind::laplace}, {2.0, DensityKind::laplace}, {1e-3, DensityKind::softplus}, {2.0, DensityKind::softplus}}) {
       Ray ray = random_ray(count, scale, static_cast<unsigned>(count));
+      ray.density = density;
       ray.mask[0] = 1;
       // With a last δ of 1/64 m a ray of b = 1e-3 m would saturate, and differences of its colour be rounding.
       ray.deltas = depth_differences(ray.depths, ray.mask, 0.5 * scale);
@@ -191,7 +222,7 @@ TEST(Compositing, GradientsAgreeWithDifferences) {
 
 TEST(Compositing, ClippedSumPassesNoGradient) {
   // Three samples of optical depth near 20: Σw = 1 + 1e-7 or so is clipped, while every dσ is still alive.
-  Ray ray{{-1e-3, -1e-3, -1e-3}, {1, 2, 3}, {0.025, 0.025, 0.025}, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 1}, 1e-3};
+  Ray ray{{-1e-3, -1e-3, -1e-3}, {1, 2, 3}, {0.025, 0.025, 0.025}, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 1}, 1e-3, DensityKind::laplace};
   const Composite result = composite(ray.input());
   EXPECT_EQ(result.weights_sum, 1);
   const CompositingGradient gradient = composite_backward(ray.input(), result, {0, 0, 0}, 1);
@@ -253,7 +284,7 @@ TEST(Compositing, FiniteFromTheThinnestToTheDensest) {
 
 TEST(Compositing, TinyOpticalDepthKeepsItsDigits) {
   // 1 − exp(−τ) would lose all of τ = 1e-20.
-  Ray ray{{1.0}, {1.0}, {2e-20}, {{1, 1, 1}}, {1}, 1.0};
+  Ray ray{{1.0}, {1.0}, {2e-20}, {{1, 1, 1}}, {1}, 1.0, DensityKind::laplace};
   EXPECT_NEAR(composite(ray.input()).colour[0] / (0.5 * std::exp(-1.0) * 2e-20), 1, 1e-14);
 }
 

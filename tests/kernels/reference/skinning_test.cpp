@@ -56,6 +56,26 @@ TEST(Cube, MatchesTheGoldenCase) {
   expect_golden(truth, "out.x_from_n", x);
 }
 
+TEST(InverseBlend, UndoesSkinningAndItsGradientMatchesDifferences) {
+  const std::size_t points = 4, joints = 3;
+  std::vector<double> weights = random_values(points * joints, 0.2, 1), bones = random_values(joints * 16, 0.2, 2);
+  for (std::size_t b = 0; b < joints; ++b)
+    for (std::size_t i = 0; i < 4; ++i) bones[16 * b + 5 * i] += 1, bones[16 * b + 12 + i] = i == 3;
+  for (std::size_t p = 0; p < points; ++p) {
+    double sum = 0;
+    for (std::size_t b = 0; b < joints; ++b) sum += weights[p * joints + b] += 0.3;
+    for (std::size_t b = 0; b < joints; ++b) weights[p * joints + b] /= sum;
+  }
+  const std::vector<double> x = random_values(points * 3, 1, 3), x_bar = lbs_forward(points, weights, bones, x);
+  const auto found = [&] { return inverse_blend(points, blend_transforms(points, weights, bones), x_bar); };
+  const std::vector<double> back = found();
+  for (std::size_t i = 0; i < x.size(); ++i) EXPECT_NEAR(back[i], x[i], 1e-13);
+  const std::vector<double> d_x = random_values(points * 3, 1, 4);
+  const std::vector<double> d_weights = inverse_blend_backward(points, weights, bones, x, d_x);
+  expect_gradient("weights of the inverse", [&] { return dot(d_x, found()); }, weights, d_weights);
+  for (double value : inverse_blend(1, std::vector<double>(16, 0.0), std::vector<double>(3, 1.0))) EXPECT_TRUE(std::isnan(value));
+}
+
 TEST(Lbs, BackwardMatchesFiniteDifferences) {
   const std::size_t points = 3, joints = 5;
   std::vector<double> weights = random_values(points * joints, 1, 1), bones = random_values(joints * 16, 1, 2);
