@@ -44,6 +44,7 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact, bool cooperative_
   } else {
     knob("samples", {"24", "16", "12", "8"});
   }
+  if (exact.mode != SamplingMode::uniform) knob("sampling_mode", {"uniform"});
   knob("sampling_mode", {"surface_only"});
   all.push_back({{"sampling_mode", "surface_only"}, {"surface", "mesh"}});
   all.push_back({{"sampling_mode", "surface_only"}, {"surface", "mesh"}, {"outline", "1"}});

@@ -12,15 +12,15 @@
 namespace arah {
 
 // The knobs, each with its exact value in brackets:
-//   sampling_mode [as the avatar was trained]  shell, surface, surface_only: where a ray is sampled
-//   samples [32 in the shell, 64 around surfaces, 1 on them]  of a ray
+//   sampling_mode [as the avatar was trained]  shell, surface, surface_only, uniform: where a ray is sampled
+//   samples [32 in the shell, 64 around surfaces or in the whole box, 1 on surfaces]  of a ray
 //   around_surface, before_surface [17, 16]  of the samples of a ray that hits a surface: within half_width of it, and in front
 //   half_width [0.05]  metres; half_width_b [0]: in units of b if above 0, where that is less
 //   surface [search]  search, mesh: where the surface comes from that the modes surface and surface_only ask for
 //   outline [0]  mesh: drawn this many b farther out
 //   distances [network]  network, baked: of samples; baked ones are interpolated in a grid that is made once for each code
 //   bake_cell [0.006]  metres between the nodes of that grid, which the mesh is made of too
-//   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
+//   shell_bound [true]  surface, uniform: samples farther than 5.5 cm from the template are empty without a look
 //   trace_start [box]  box, shell: where sphere tracing begins, the body's box or the template's shell (5.5 cm)
 //   trace_tolerance [1e-5]  metres, of the distance at which sphere tracing leaves the rest to the joint search
 //   root_tolerance [1e-5]  metres, of a correspondence's residual

@@ -6,7 +6,6 @@
 #include "kernels/skinning/implicit_cotangent.h"
 #include "kernels/skinning/jacobian.h"
 #include "kernels/skinning/lbs.h"
-#include "kernels/skinning/lbs_backward.h"
 #include "kernels/tracing/normalise_inputs.h"
 
 namespace arah {
@@ -33,6 +32,24 @@ uint64_t SkinningGradient::scratch_floats() const {
 }
 
 void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch) {
+  record_jacobians(commands, frame, rows, canonical);
+  commands.fill(singular_.slice(), 0);
+  record_implicit_cotangent(commands, {rows, jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
+  record_from_cotangents(commands, frame, rows, canonical, cotangents_.slice(), accumulate, scratch);
+}
+
+LbsBackwardArgs SkinningGradient::backward(FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical) {
+  LbsBackwardArgs back;
+  back.tree = &networks_.tree();
+  back.rows = {{rows, {}}, {}};
+  back.logits = rows_tape_.output();
+  back.frame = frame.constants();
+  back.canonical = canonical;
+  back.d_logits = rows_tape_.output_gradient();
+  return back;
+}
+
+void SkinningGradient::record_jacobians(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical) {
   const Rows all{{rows, {}}, {}};
   DenseNetwork& network = networks_.skinning();
   record_normalise_inputs(commands, {all, frame.constants(), canonical, rows_tape_.input()});
@@ -47,13 +64,7 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   lbs.transforms = transforms_.slice();
   record_lbs(commands, lbs);
 
-  LbsBackwardArgs back;
-  back.tree = &networks_.tree();
-  back.rows = all;
-  back.logits = rows_tape_.output();
-  back.frame = frame.constants();
-  back.canonical = canonical;
-  back.d_logits = rows_tape_.output_gradient();
+  LbsBackwardArgs back = backward(frame, rows, canonical);
   JacobianArgs jacobian;
   jacobian.range = all.range;
   jacobian.frame = frame.constants();
@@ -70,15 +81,17 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
     jacobian.gradients[i] = through.input_gradient_result;
   }
   record_jacobian(commands, jacobian);
-  commands.fill(singular_.slice(), 0);
-  record_implicit_cotangent(commands, {rows, jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
+}
+
+void SkinningGradient::record_from_cotangents(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& cotangents, bool accumulate, const BufferSlice& scratch) {
+  LbsBackwardArgs back = backward(frame, rows, canonical);
   back.component = 3;
-  back.cotangents = cotangents_.slice();
+  back.cotangents = cotangents;
   record_lbs_backward(commands, back);
   DenseNetwork::Backward weights;
   weights.accumulate = accumulate;
   weights.scratch = scratch;
-  network.record_backward(commands, rows_tape_, all.range, weights);
+  networks_.skinning().record_backward(commands, rows_tape_, {rows, {}}, weights);
 }
 
 void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator) {

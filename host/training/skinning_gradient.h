@@ -7,6 +7,7 @@
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/frame_on_device.h"
 #include "host/training/template_samples.h"
+#include "kernels/skinning/lbs_backward.h"
 #include "kernels/skinning/weights_loss.h"
 
 namespace arah {
@@ -21,11 +22,19 @@ class SkinningGradient {
   // accumulate).
   void record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch);
 
+  // The two halves of the above around another use of the Jacobians: ∂LBS/∂x̂ at canonical points, three vec4 by row; and from
+  // cotangents on LBS(x̂) at these points, vec4 by row, to effective weight gradients.
+  void record_jacobians(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical);
+  BufferSlice jacobians() { return jacobians_.slice(); }
+  void record_from_cotangents(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& cotangents, bool accumulate, const BufferSlice& scratch);
+
   // Uploads a batch of `points` of the pool; then the loss and its effective weight gradients (=, or += with accumulate).
   void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator);
   void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
 
  private:
+  LbsBackwardArgs backward(FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical);
+
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t points_;

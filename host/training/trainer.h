@@ -11,8 +11,10 @@
 #include "host/avatar/safetensors.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/training/mask_loss.h"
 #include "host/training/ray_importance.h"
 #include "host/training/skinning_gradient.h"
+#include "host/training/surface_gradient.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
 #include "host/training/training_settings.h"
@@ -24,6 +26,7 @@ namespace arah {
 struct StepReport {
   uint64_t step = 0;  // steps done, this one included
   double color = 0, alpha = 0, eikonal = 0, off_surface = 0, inside = 0, skinning = 0;  // skinning: of the last step that had it
+  double mask = 0, mask_alpha = 0;  // of surface rendering alone: alpha plays no part there
   double total = 0;   // weighted sum
   double sdf_norm = 0;  // of the sdf group's gradient before clipping
   double b = 0;         // metres
@@ -82,6 +85,8 @@ class Trainer {
     std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
     SirenTape eikonal_tape, sign_tape;
     std::optional<SkinningGradient> skinning;
+    std::optional<SurfaceGradient> surface_gradient;  // of surface rendering
+    std::optional<MaskLoss> mask_loss;
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
     Buffer first_moments, second_moments, averages;     // of the parameters
     Buffer grid_sums, grid_clamped, squares, norms;     // of the gradients
@@ -106,6 +111,9 @@ class Trainer {
   // Submits, and leaves the last launches recorded.
   void run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step);
   void record_regularisers();
+  // Of surface rendering: whether the ray misses the surface or the person, and the loss of those that do. Submits.
+  static bool of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray);
+  void record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step);
   void record_update(Group& group, size_t index);
 
   Device& device_;
@@ -125,6 +133,7 @@ class Trainer {
   uint64_t steps_ = 0;
   double done_ = 0;
   double last_skinning_loss_ = 0;
+  MaskSharpness mask_sharpness_;
 };
 
 }  // namespace arah

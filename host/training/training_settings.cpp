@@ -36,6 +36,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("shaded_at_a_time", s.shaded_at_a_time);
   visit("mask_fraction", s.mask_fraction);
   visit("ray_importance", s.ray_importance);
+  visit("rendering", s.rendering);
   visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
   visit("around_surface", s.sampling.around_surface);
@@ -55,6 +56,10 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("least_weight", s.least_weight);
   visit("color_weight", s.color_weight);
   visit("alpha_weight", s.alpha_weight);
+  visit("mask_weight", s.mask_weight);
+  visit("mask_samples", s.mask_samples);
+  visit("mask_alpha", s.mask_alpha);
+  visit("mask_alpha_rate", s.mask_alpha_rate);
   visit("eikonal_weight", s.eikonal_weight);
   visit("off_surface_weight", s.off_surface_weight);
   visit("inside_weight", s.inside_weight);
@@ -109,7 +114,9 @@ struct Reader {
       visit_group(value, reader);
       reader.refuse_unknown();
     } else if constexpr (std::is_same_v<T, SamplingMode>) {
-      read_word(found->dump(), field, {SamplingMode::shell, SamplingMode::surface}, value);
+      read_word(found->dump(), field, {SamplingMode::shell, SamplingMode::surface, SamplingMode::uniform}, value);
+    } else if constexpr (std::is_same_v<T, Rendering>) {
+      read_word(found->dump(), field, {Rendering::volume, Rendering::surface}, value);
     } else if constexpr (std::is_same_v<T, Correspondence>) {
       read_word(found->dump(), field, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone}, value);
     } else {
@@ -209,7 +216,18 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
     throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
+  if (settings.mask_samples == 0 || settings.mask_samples > 1024) throw InputError(where, "mask_samples", "from 1 to 1024", fmt::format("{}", settings.mask_samples));
+  if (!(settings.mask_weight >= 0 && settings.mask_alpha > 0 && settings.mask_alpha_rate >= 0))
+    throw InputError(where, "mask_weight, mask_alpha, mask_alpha_rate", "at least 0, above 0, at least 0", fmt::format("{}, {}, {}", settings.mask_weight, settings.mask_alpha, settings.mask_alpha_rate));
   return settings;
+}
+
+const char* to_string(Rendering rendering) { return rendering == Rendering::surface ? "surface" : "volume"; }
+
+SamplingSettings TrainingSettings::color_sampling() const {
+  SamplingSettings result = sampling;
+  if (rendering == Rendering::surface) result.mode = SamplingMode::surface_only, result.samples = 1;
+  return result;
 }
 
 double half_width(const TrainingSettings& settings, uint64_t step) {

@@ -30,6 +30,8 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   fill_with_new_values(object, next);
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
+  object["rendering"] = "surface";
+  object["mask_samples"] = 99;  // at most 1024
   object["ray_importance"] = 0.75;  // a share
   object["around_surface"] = 19;  // odd, and with those before it no more than all
   object["before_surface"] = 18;
@@ -81,6 +83,12 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   expect_refused(with("/preset", 3), "preset");
   expect_refused(with("/sdf", 1e-4), "sdf");
   expect_refused(with("/sampling_mode", "anywhere"), "sampling_mode");
+  expect_refused(with("/sampling_mode", "surface_only"), "sampling_mode");  // that is `rendering`
+  expect_refused(with("/rendering", "points"), "rendering");
+  for (const int samples : {0, 1025}) expect_refused(with("/mask_samples", samples), "mask_samples");
+  for (const double alpha : {0.0, -1.0}) expect_refused(with("/mask_alpha", alpha), "mask_alpha");
+  expect_refused(with("/mask_weight", -1), "mask_weight");
+  expect_refused(with("/mask_alpha_rate", -1), "mask_alpha_rate");
   for (const char* field : {"seed", "skinning_every", "grid"}) {
     json shorter = whole;
     shorter.erase(field);
