@@ -1,8 +1,10 @@
 // An avatar's parameters on the device, and the networks that read them. Only the parts that the spec names are built.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "host/avatar/avatar.h"
 #include "kernels/color/assemble_inputs.h"
@@ -49,6 +51,8 @@ class AvatarNetworks {
   void record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch);
   uint64_t unpack_scratch() const;  // floats
 
+  const std::vector<std::array<float, 4>>& bone_segments() const { return bone_segments_; }  // two a bone: its canonical ends
+
   Siren& sdf() { return *sdf_; }
   DenseNetwork& skinning() { return *skinning_; }  // only with Skinning::network
   DenseNetwork& color() { return *color_; }
@@ -65,6 +69,7 @@ class AvatarNetworks {
   ParameterLayout layout_;
   CubeNormalization cube_;
   JointTree tree_;
+  std::vector<std::array<float, 4>> bone_segments_;
   FeatureGridShape grid_;
   Buffer parameters_, gradients_, code_, code_gradient_;
   std::optional<Siren> sdf_;

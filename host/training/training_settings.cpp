@@ -51,6 +51,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("shell_inner", s.sampling.shell.inner);
   visit("root_max_iterations", s.sampling.root.max_iterations);
   visit("root_tolerance", s.sampling.root.tolerance);
+  visit("root_initialisations", s.sampling.root.initialisations);
   visit("root_correspondence", s.sampling.root.correspondence);
   visit("grid_steps", s.grid_steps);
   visit("least_weight", s.least_weight);
@@ -216,6 +217,10 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
     throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
+  if (settings.sampling.root.initialisations < 1 || settings.sampling.root.initialisations > 8) throw InputError(where, "root_initialisations", "from 1 to 8", fmt::format("{}", settings.sampling.root.initialisations));
+  // A frame's grid of roots would hold what an SDF said that is gone when a training is resumed.
+  if (settings.sampling.root.initialisations > 1 && settings.sampling.root.correspondence != Correspondence::search)
+    throw InputError(where, "root_initialisations", "1 where root_correspondence is not search", fmt::format("{}", settings.sampling.root.initialisations));
   if (settings.mask_samples == 0 || settings.mask_samples > 1024) throw InputError(where, "mask_samples", "from 1 to 1024", fmt::format("{}", settings.mask_samples));
   if (!(settings.mask_weight >= 0 && settings.mask_alpha > 0 && settings.mask_alpha_rate >= 0))
     throw InputError(where, "mask_weight, mask_alpha, mask_alpha_rate", "at least 0, above 0, at least 0", fmt::format("{}, {}, {}", settings.mask_weight, settings.mask_alpha, settings.mask_alpha_rate));

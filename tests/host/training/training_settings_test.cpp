@@ -30,6 +30,7 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   fill_with_new_values(object, next);
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
+  object["root_initialisations"] = 1;  // with a grid
   object["rendering"] = "surface";
   object["mask_samples"] = 99;  // at most 1024
   object["ray_importance"] = 0.75;  // a share
@@ -41,6 +42,9 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   EXPECT_EQ(settings.rays, object["rays"]);
   EXPECT_EQ(settings.sdf.warm_up, object["sdf"]["warm_up"]);
   EXPECT_EQ(settings.sampling.root.tolerance, object["root_tolerance"]);
+  object["root_initialisations"] = 3;
+  object["root_correspondence"] = "search";
+  EXPECT_EQ(json::parse(settings_to_json(settings_from_json(object.dump(), "config.json"))), object);
 }
 
 TEST(TrainingSettingsTest, EveryPresetReadsBackAsWritten) {
@@ -88,6 +92,10 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   for (const int samples : {0, 1025}) expect_refused(with("/mask_samples", samples), "mask_samples");
   for (const double alpha : {0.0, -1.0}) expect_refused(with("/mask_alpha", alpha), "mask_alpha");
   expect_refused(with("/mask_weight", -1), "mask_weight");
+  for (const int starts : {0, 9}) expect_refused(with("/root_initialisations", starts), "root_initialisations");
+  json of_nodes = with("/root_initialisations", 3);
+  of_nodes["root_correspondence"] = "grid_alone";
+  expect_refused(of_nodes, "root_initialisations");
   expect_refused(with("/mask_alpha_rate", -1), "mask_alpha_rate");
   for (const char* field : {"seed", "skinning_every", "grid"}) {
     json shorter = whole;
