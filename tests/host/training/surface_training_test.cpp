@@ -152,6 +152,27 @@ TEST_F(SurfaceTraining, NeedsNoSkinningNetwork) {
   }
 }
 
+// Of several roots the one with the least distance counts; where the body does not touch itself there is but one, and the step is
+// the same to the searches' tolerance.
+TEST_F(SurfaceTraining, SeveralStartsOfASearchMakeTheSameStep) {
+  for (const Rendering rendering : {Rendering::volume, Rendering::surface}) {
+    StepReport reports[2];
+    for (const uint32_t starts : {1u, 3u}) {
+      TrainingSettings s = settings();
+      s.rendering = rendering;
+      s.sampling.root.tolerance = 1e-5f;
+      s.sampling.root.initialisations = starts;
+      Trainer trainer(device, small_capture(), fitted(), s);
+      reports[starts > 1] = trainer.step(1);
+    }
+    std::printf("  %s: colour %.6f and %.6f, mask %.6f and %.6f, found %.4f and %.4f\n", to_string(rendering), reports[0].color, reports[1].color, reports[0].mask, reports[1].mask,
+                reports[0].converged, reports[1].converged);
+    EXPECT_NEAR(reports[1].color, reports[0].color, 1e-2 * reports[0].color);
+    EXPECT_NEAR(reports[1].mask, reports[0].mask, 1e-2 * reports[0].mask);
+    EXPECT_GE(reports[1].converged, reports[0].converged);
+  }
+}
+
 // The paper's other ablation: samples evenly over the ray's part in the box.
 TEST_F(SurfaceTraining, UniformSamplesLearnTheColours) {
   TrainingSettings s = settings();
