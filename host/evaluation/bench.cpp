@@ -15,9 +15,6 @@
 #include "host/input_error.h"
 #include "kernels/linear/cooperative.h"
 #include "kernels/linear/linear.h"
-#include "kernels/skinning/implicit_joint_cotangent.h"
-#include "shaders/shared/frame.h"
-#include "shaders/shared/ray.h"
 
 namespace arah {
 namespace {
@@ -179,7 +176,7 @@ class Bench {
   }
 
   // The other family of the linear layer, the straight one's kernel for wide layers, what cooperative matrices need and, where
-  // the device has them, their kernel, and the cotangents that only surface rendering needs.
+  // the device has them, their kernel.
   void kernels_without_work() {
     start("kernels of no work");
     const uint32_t points = std::min(settings_.points, 16384u);
@@ -206,15 +203,6 @@ class Bench {
         record_linear_forward(commands_, args);
       });
     }
-
-    const uint64_t rows = padded_points(points);
-    Buffer frame = filled("frame", sizeof(FrameConstants) / 4), rays = filled("rays", rows * sizeof(Ray) / 4), gradients = filled("gradients", rows * channel_padding),
-           jacobians = filled("Jacobians", rows * 12), vectors = filled("vectors", rows * 4), cotangents = filled("cotangents", rows * 4),
-           sdf_cotangents = filled("sdf cotangents", rows * channel_padding), singular = filled("count", 64);
-    measure_alone(fmt::format("{} rays", points), [&] {
-      record_implicit_joint_cotangent(commands_, {points, frame.slice(), rays.slice(), {gradients.slice(), channel_padding, 0}, jacobians.slice(), vectors.slice(), vectors.slice(),
-                                                  cotangents.slice(), {sdf_cotangents.slice(), channel_padding, 0}, singular.slice()});
-    });
   }
 
   Device& device_;

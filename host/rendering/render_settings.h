@@ -46,8 +46,8 @@ struct RenderSettings {
   uint64_t memory_bytes = 300'000'000;
 };
 
-// How pictures of an avatar are sampled exactly: 64 samples in the paper's places where it was trained so (`sampling_mode` of
-// its settings), else 32 in the template's shell.
+// How pictures of an avatar are sampled exactly: as it was trained (`sampling_mode` and `rendering` of its settings): 64
+// samples in the paper's places or evenly over the box, or one on the surface; else 32 in the template's shell.
 SamplingSettings picture_sampling(const Avatar& avatar);
 
 // "paper": exact to 1e-6 of a colour. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. Throws InputError

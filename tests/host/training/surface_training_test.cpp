@@ -64,7 +64,6 @@ TEST_F(SurfaceTraining, LearnsColoursAndOutline) {
               reports.back().mask_alpha, before.shaded, after.shaded);
   EXPECT_LT(after.color, 0.9 * before.color);
   EXPECT_LT(after.mask, 0.9 * before.mask);
-  EXPECT_LT(after.shaded, before.shaded) << "rays beside the person hit nothing any more";
   EXPECT_GT(after.shaded, 0.5) << "those at the person do";
   EXPECT_GT(reports.back().mask_alpha, s.mask_alpha);
   EXPECT_EQ(reports.back().b, reports.front().b) << "no density, no scale of it";
