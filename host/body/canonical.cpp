@@ -81,6 +81,20 @@ std::vector<glm::dmat4> bone_transforms(const Skeleton& skeleton, const Canonica
   return transforms;
 }
 
+std::vector<std::pair<glm::dvec3, glm::dvec3>> bone_segments(const Skeleton& skeleton, const CanonicalPose& canonical) {
+  std::vector<glm::dvec3> joints;
+  for (std::size_t j = 0; j < skeleton.size(); ++j) joints.emplace_back(canonical.rest_to_canonical.at(j) * glm::dvec4(skeleton.rest_joints[j], 1.0));
+  std::vector<std::pair<glm::dvec3, glm::dvec3>> segments;
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    glm::dvec3 sum(0.0);
+    int children = 0;
+    for (std::size_t child = 0; child < joints.size(); ++child)
+      if (skeleton.parents[child] == static_cast<int>(j)) sum += joints[child], ++children;
+    segments.emplace_back(joints[j], children ? sum / static_cast<double>(children) : joints[j]);
+  }
+  return segments;
+}
+
 std::vector<glm::dvec3> canonical_vertices(const BodyTemplate& body_template, const CanonicalPose& canonical) {
   return skinned_vertices(body_template, canonical.rest_to_canonical);
 }

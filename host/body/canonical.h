@@ -4,6 +4,7 @@
 #include <glm/mat4x4.hpp>
 #include <glm/vec3.hpp>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "host/body/body_template.h"
@@ -27,6 +28,10 @@ std::vector<glm::dmat4> bone_transforms(const Skeleton& skeleton, const Canonica
 
 // Σ_b w_b V_b applied to the template's rest vertices, [V].
 std::vector<glm::dvec3> canonical_vertices(const BodyTemplate& body_template, const CanonicalPose& canonical);
+
+// Where each bone lies in the canonical pose: from its joint to the middle of its children's, or the joint alone without any;
+// metres, [J].
+std::vector<std::pair<glm::dvec3, glm::dvec3>> bone_segments(const Skeleton& skeleton, const CanonicalPose& canonical);
 
 // The isotropic map of canonical metres to the cube [−1, 1]³ with 5 % padding on each side:
 // n(x) = 2 ((x − center) − cmin + 0.05 r) / (1.1 r) − 1 with r = cmax − cmin; cmin and cmax are the least and greatest

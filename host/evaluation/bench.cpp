@@ -16,9 +16,6 @@
 #include "kernels/linear/cooperative.h"
 #include "kernels/linear/linear.h"
 #include "kernels/skinning/bone_gradient.h"
-#include "kernels/skinning/implicit_joint_cotangent.h"
-#include "shaders/shared/frame.h"
-#include "shaders/shared/ray.h"
 
 namespace arah {
 namespace {
@@ -180,7 +177,7 @@ class Bench {
   }
 
   // The other family of the linear layer, the straight one's kernel for wide layers, what cooperative matrices need and, where
-  // the device has them, their kernel, the cotangents that only surface rendering needs, and the gradient of the bones.
+  // the device has them, their kernel, and the gradient of the bones.
   void kernels_without_work() {
     start("kernels of no work");
     const uint32_t points = std::min(settings_.points, 16384u);
@@ -209,16 +206,9 @@ class Bench {
     }
 
     const uint64_t rows = padded_points(points);
-    Buffer frame = filled("frame", sizeof(FrameConstants) / 4), rays = filled("rays", rows * sizeof(Ray) / 4), gradients = filled("gradients", rows * channel_padding),
-           jacobians = filled("Jacobians", rows * 12), vectors = filled("vectors", rows * 4), cotangents = filled("cotangents", rows * 4),
-           sdf_cotangents = filled("sdf cotangents", rows * channel_padding), singular = filled("count", 64);
-    measure_alone(fmt::format("{} rays", points), [&] {
-      record_implicit_joint_cotangent(commands_, {points, frame.slice(), rays.slice(), {gradients.slice(), channel_padding, 0}, jacobians.slice(), vectors.slice(), vectors.slice(),
-                                                  cotangents.slice(), {sdf_cotangents.slice(), channel_padding, 0}, singular.slice()});
-    });
-
     constexpr uint32_t joints = 24;
-    Buffer weights = filled("skinning weights", rows * joints), partials(device_, "bench partial sums", bone_gradient_partials(points, joints), BufferPlace::device), bones = filled("bones", 12 * joints);
+    Buffer vectors = filled("vectors", rows * 4), cotangents = filled("cotangents", rows * 4), weights = filled("skinning weights", rows * joints),
+           partials(device_, "bench partial sums", bone_gradient_partials(points, joints), BufferPlace::device), bones = filled("bones", 12 * joints);
     measure_alone(fmt::format("{} points, {} joints", points, joints), [&] {
       BoneGradientArgs args;
       args.rows = {{points, {}}, {}};

@@ -44,6 +44,7 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact, const AvatarSpec&
   } else {
     knob("samples", {"24", "16", "12", "8"});
   }
+  if (exact.mode != SamplingMode::uniform) knob("sampling_mode", {"uniform"});
   knob("sampling_mode", {"surface_only"});
   all.push_back({{"sampling_mode", "surface_only"}, {"surface", "mesh"}});
   all.push_back({{"sampling_mode", "surface_only"}, {"surface", "mesh"}, {"outline", "1"}});
@@ -52,6 +53,7 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact, const AvatarSpec&
   if (spec.sdf.pose != PoseConditioning::none) knob("sdf_by_pose", {"shared"});
   knob("root_tolerance", {"1e-4", "1e-3"});
   knob("root_max_iterations", {"12", "6", "4"});
+  knob("root_initialisations", {"2", "3"});
   knob("root_correspondence", {"search_from_grid", "grid", "grid_alone"});
   knob("least_weight", {"0", "1e-4", "1e-3", "1e-2", "3e-2"});
   knob("color_groups", {"4", "2", "1"});

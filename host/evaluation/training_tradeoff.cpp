@@ -33,7 +33,7 @@ std::vector<Changes> training_changes(const TrainingSettings& trained, bool sear
   const auto each = [&](const char* name, std::initializer_list<const char*> values) {
     for (const char* value : values) all.push_back({{name, value}});
   };
-  if (trained.sampling.mode == SamplingMode::surface) each("shell_bound", {"true"});
+  if (trained.sampling.mode != SamplingMode::shell) each("shell_bound", {"true"});
   each("least_weight", {"1e-6", "1e-4", "1e-3", "1e-2"});
   if (searches) {
     each("root_tolerance", {"1e-4", "1e-3"});

@@ -44,7 +44,7 @@ class TemporaryFolder {
 // The stages as they follow each other; a step and a picture have those that they launch.
 const std::vector<std::string>& stage_order() {
   static const std::vector<std::string> order{"weights", "rays", "sphere tracing", "joint search", "correspondence search", "distances", "shading", "compositing",
-                                              "losses", "compositing backward", "shading backward", "skinning backward", "regularisers", "optimiser"};
+                                              "losses", "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "optimiser"};
   return order;
 }
 
@@ -130,9 +130,14 @@ class Works {
     backward.skinning.kind = Skinning::backward;
     train("step, backward skinning", fmt::format("preset tiny with skinning.kind backward, {} rays x {} samples", tiny.rays, tiny.sampling.samples), fitted(backward, tiny), tiny, 1, settings_.repetitions, settings_.repetitions);
 
+    TrainingSettings of_surface = papers;
+    of_surface.rendering = Rendering::surface;
+    train("surface step", fmt::format("surface rendering, {} rays, mask loss of {} samples a ray", of_surface.rays, of_surface.mask_samples), rich, of_surface, 1, settings_.repetitions, settings_.repetitions);
+
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
     picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");
     picture("picture, fast", "20 samples in the shell, correspondences and distances from grids, one colour a ray", plain, "fast");
+    picture("picture, three starts", "as the first, each correspondence searched from three starts", rich, "paper", 3);
     AvatarSpec simple = preset_spec("tiny");
     simple.skinning = {Skinning::template_weights, 0, 0};
     picture("picture, template weights", "64 samples around surfaces, no skinning network", fitted(simple, papers), "paper");
@@ -168,9 +173,10 @@ class Works {
     benches_.push_back(measure_work(device_, name, description, warm_up, timed, profiled, [&] { trainer.step(left--); }));
   }
 
-  void picture(const std::string& name, const std::string& description, const Avatar& avatar, const std::string& preset) {
+  void picture(const std::string& name, const std::string& description, const Avatar& avatar, const std::string& preset, uint32_t initialisations = 1) {
     start(name);
     RenderSettings render = render_preset(avatar, preset);
+    render.sampling->root.initialisations = initialisations;
     render.normals = preset == "paper";
     Renderer renderer(device_, avatar, render);
     const Camera camera = capture_.cameras[0].scaled(settings_.picture_size);

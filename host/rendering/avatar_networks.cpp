@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "host/body/canonical.h"
+
 namespace arah {
 namespace {
 
@@ -46,6 +48,8 @@ ColorRow AvatarNetworks::color_row() const { return {spec_.color.view, spec_.col
 
 AvatarNetworks::AvatarNetworks(Device& device, const Avatar& avatar, bool with_gradients, uint32_t frames)
     : spec_(avatar.spec), layout_(avatar.layout), cube_(avatar.cube), tree_(avatar.body.skeleton.parents), grid_(grid_shape(avatar.grid)) {
+  for (const auto& [from, to] : arah::bone_segments(avatar.body.skeleton, avatar.canonical))
+    for (const glm::dvec3& end : {from, to}) bone_segments_.push_back({static_cast<float>(end.x), static_cast<float>(end.y), static_cast<float>(end.z), 0});
   parameters_ = Buffer(device, "parameters", layout_.floats * 4, BufferPlace::device);
   device.upload(parameters_.slice(), avatar.parameters);
   if (with_gradients) {

@@ -1,8 +1,10 @@
 // An avatar's parameters on the device, and the networks that read them. Only the parts that the spec names are built.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "host/avatar/avatar.h"
 #include "kernels/color/assemble_inputs.h"
@@ -64,6 +66,8 @@ class AvatarNetworks {
   void record_unpack_shared_sdf(Commands& commands);
   uint64_t unpack_scratch() const;  // floats
 
+  const std::vector<std::array<float, 4>>& bone_segments() const { return bone_segments_; }  // two a bone: its canonical ends
+
   Siren& sdf() { return *sdf_; }
   PoseNetworks& pose_networks() { return *pose_networks_; }  // only where the SDF follows the pose
   DenseNetwork& skinning() { return *skinning_; }  // only with SkinningSpec::learned()
@@ -84,6 +88,7 @@ class AvatarNetworks {
   ParameterLayout layout_;
   CubeNormalization cube_;
   JointTree tree_;
+  std::vector<std::array<float, 4>> bone_segments_;
   FeatureGridShape grid_;
   Buffer parameters_, gradients_, code_, code_gradient_, pose_;
   std::optional<PoseNetworks> pose_networks_;

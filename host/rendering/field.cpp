@@ -190,4 +190,13 @@ void Field::record_backward(Commands& commands, const Inputs& in, const Backward
   if (options.position) record_position_gradient(commands, {in.rows, in.frame, sdf_tape_->input_gradient(), d_position_.slice(), upstream_.slice()});
 }
 
+void Field::record_gradient(Commands& commands, const Inputs& in) { networks_.sdf().record_gradient(commands, *sdf_tape_, {in.rows, {}}, false); }
+
+void Field::record_backward_from_distances(Commands& commands, const Inputs& in) {
+  Siren::Backward sdf;
+  sdf.accumulate = true;
+  sdf.scratch = scratch_.slice();
+  networks_.sdf().record_backward(commands, *sdf_tape_, {in.rows, {}}, sdf);
+}
+
 }  // namespace arah

@@ -75,6 +75,10 @@ class Field {
     BufferSlice grid_clamped; // one uint32, +=
   };
   void record_backward(Commands& commands, const Inputs& inputs, const Backward& backward);
+  // What the joint search's implicit gradient needs: gradient() where record_forward did not fill it, and the way back once
+  // more, from another d_sdf() alone to effective weight gradients (+=) of the SDF.
+  void record_gradient(Commands& commands, const Inputs& inputs);
+  void record_backward_from_distances(Commands& commands, const Inputs& inputs);
   BufferSlice position_gradient() { return upstream_.slice(); }  // vec4 by row: dL/dx̂ per metre
 
   uint64_t scratch_floats() const { return scratch_.bytes() / 4; }

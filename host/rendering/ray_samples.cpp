@@ -30,6 +30,7 @@ const char* to_string(SamplingMode mode) {
     case SamplingMode::shell: return "shell";
     case SamplingMode::surface: return "surface";
     case SamplingMode::surface_only: return "surface_only";
+    case SamplingMode::uniform: return "uniform";
   }
   return "shell";
 }
@@ -52,7 +53,7 @@ RayCamera ray_camera(const Camera& camera) {
 
 RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings)
     : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)),
-      capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples) {
+      capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples, settings.root.initialisations) {
   const uint64_t rays = capacity_pixels_, rows = padded_points(capacity_rays_ * settings.samples);
   auto make = [&](const char* what, uint64_t bytes) {
     Buffer buffer(device, std::string("samples: ") + what, bytes, BufferPlace::device);
@@ -63,7 +64,7 @@ RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capaci
   };
   pixels_ = make("pixels", rays * 4);
   rays_ = make("rays", rays * sizeof(Ray));
-  if (by_surface()) {
+  if (in_box()) {
     surface_points_ = make("surface points", capacity_rays_ * 16ull);
     surface_depths_ = make("surface depths", capacity_rays_ * 4ull);
   }
@@ -95,9 +96,9 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
   bins.root_translation = frame.root_translation();
   bins.grid = frame.shell_grid();
   // A bin is judged by its middle. Where what matters may lie anywhere in it, half its length is added.
-  bins.outer = static_cast<float>(settings_.shell.outer + (by_surface() ? half_bin(frame.box()) : 0));
+  bins.outer = static_cast<float>(settings_.shell.outer + (in_box() ? half_bin(frame.box()) : 0));
   // Samples of the shell end deep inside; a ray that looks for the surface goes on to where it leaves the shell.
-  bins.inner = by_surface() ? std::numeric_limits<float>::infinity() : static_cast<float>(settings_.shell.inner);
+  bins.inner = in_box() ? std::numeric_limits<float>::infinity() : static_cast<float>(settings_.shell.inner);
   bins.rays = rays_.slice();
   bins.distances = frame.shell_distances();
   bins.kept = kept_.slice();
@@ -108,7 +109,7 @@ void RaySamples::set_pixels(Commands& commands, FrameOnDevice& frame, const Came
 
 std::vector<uint32_t> RaySamples::kept_counts(uint32_t rays) { return bounded_by_shell() ? device_.download<uint32_t>(kept_counts_.slice().elements(0, rays)) : meet_box(rays); }
 
-std::vector<uint32_t> RaySamples::drawn_from(uint32_t rays) { return by_surface() ? meet_box(rays) : kept_counts(rays); }
+std::vector<uint32_t> RaySamples::drawn_from(uint32_t rays) { return in_box() ? meet_box(rays) : kept_counts(rays); }
 
 std::vector<uint32_t> RaySamples::meet_box(uint32_t rays) {
   std::vector<uint32_t> meet;
@@ -118,7 +119,7 @@ std::vector<uint32_t> RaySamples::meet_box(uint32_t rays) {
 
 void RaySamples::place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
   if (rays > capacity_rays_) throw std::invalid_argument("more rays than room for samples");
-  if (by_surface()) return place_by_surface(commands, frame, rays, jitter);
+  if (in_box()) return place_in_box(commands, frame, rays, jitter);
   commands.stage("rays");
   ShellSamplesArgs samples;
   samples.rays = rays;
@@ -157,14 +158,16 @@ void RaySamples::set_surface(const SurfaceHits& hits) {
   device_.upload(surface_depths_.slice(), hits.depths);
 }
 
-void RaySamples::place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
+void RaySamples::place_in_box(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter) {
   const bool only = settings_.mode == SamplingMode::surface_only;
   commands.stage("rays");
   SurfaceSamplesArgs samples;
   samples.rays = rays;
   samples.slots = settings_.samples;
-  samples.around_surface = only ? 1 : settings_.around_surface;
-  samples.before_surface = only ? 0 : settings_.before_surface;
+  // uniform: no ray has a surface, because none is ever set.
+  const bool around = settings_.mode == SamplingMode::surface;
+  samples.around_surface = around ? settings_.around_surface : 1;
+  samples.before_surface = around ? settings_.before_surface : 0;
   samples.half_width = static_cast<float>(settings_.half_width);
   samples.without_surface = only ? 0 : settings_.samples;
   samples.root_translation = frame.root_translation();

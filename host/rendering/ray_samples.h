@@ -19,8 +19,12 @@ namespace arah {
 enum class SamplingMode {
   shell,         // stratified over the part of it inside the template's shell
   surface,       // the paper's: densely around the surface that the ray hits, uniformly in the box where it hits none
-  surface_only,  // one opaque sample where the ray hits the surface, nothing where it hits none; in pictures alone
+  surface_only,  // one opaque sample where the ray hits the surface, nothing where it hits none
+  uniform,       // evenly over its part in the body's box, whatever it hits (the paper's ablation)
 };
+
+// Whether samples are placed by what their rays hit.
+constexpr bool asks_for_surface(SamplingMode mode) { return mode == SamplingMode::surface || mode == SamplingMode::surface_only; }
 
 // Where the surface that a ray hits comes from.
 enum class SurfaceSource {
@@ -32,13 +36,13 @@ struct SamplingSettings {
   SamplingMode mode = SamplingMode::shell;
   SurfaceSource surface = SurfaceSource::search;  // of the modes that ask for the surface
   // Of each ray. surface: room for them, used in full on rays without a surface (the paper: 64); at least
-  // around_surface + before_surface. surface_only: 1.
+  // around_surface + before_surface. surface_only: 1. uniform: 64 in the paper.
   uint32_t samples = 20;
   // surface: of a ray that hits one, so many samples (odd) within half_width metres of it and so many in front, from where the
   // ray enters the box (ARAH.md §6).
   uint32_t around_surface = 17, before_surface = 16;
   double half_width = 0.05;
-  // surface, surface_only: rays that stay farther than shell.outer from the template are not looked at, and samples that lie
+  // All but shell: rays that stay farther than shell.outer from the template are not looked at, and samples that lie
   // farther are taken as empty, without a search. off: every ray that meets the body's box is traced, and every sample's
   // correspondence searched and its distance evaluated, wherever it lies.
   bool shell_bound = true;
@@ -65,7 +69,7 @@ class RaySamples {
   // For each ray of the last set_pixels, 0 where nothing can be seen along it: the number of its bins in the shell; without
   // shell_bound 1 where it meets the body's box.
   std::vector<uint32_t> kept_counts(uint32_t rays);
-  // Likewise, 0 for rays that training does not draw: in the modes that sample by the surface those that miss the box, whatever
+  // Likewise, 0 for rays that training does not draw: in all modes but shell those that miss the box, whatever
   // shell_bound says: what is left out for speed must not decide which rays there are.
   std::vector<uint32_t> drawn_from(uint32_t rays);
   // What the rays of these pixels hit, by searching, as many at a time as `finder` has room for. Afterwards the rays are those of
@@ -80,23 +84,23 @@ class RaySamples {
   void place(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
   // Whether a good part of the rows has no point to evaluate: unused places of rays, and samples outside the shell.
-  bool has_gaps() const { return settings_.mode == SamplingMode::surface; }
+  bool has_gaps() const { return in_box() && !opaque(); }
   // Whether a sample hides all that is behind it, whatever its distance.
   bool opaque() const { return settings_.mode == SamplingMode::surface_only; }
   BufferSlice rays() { return rays_.slice(); }            // Ray by ray
   BufferSlice kept() { return bounded_by_shell() ? kept_.slice() : BufferSlice{}; }  // uvec2 by ray: its bins in the shell
   BufferSlice depths() { return depths_.slice(); }        // float by row
-  BufferSlice deltas() { return deltas_.slice(); }        // float by row; surface: compositing writes them
-  DeltaMode delta_mode() const { return settings_.mode == SamplingMode::surface ? DeltaMode::differences : DeltaMode::given; }
+  BufferSlice deltas() { return deltas_.slice(); }        // float by row; surface, uniform: compositing writes them
+  DeltaMode delta_mode() const { return has_gaps() ? DeltaMode::differences : DeltaMode::given; }
   BufferSlice canonical() { return canonical_.slice(); }  // vec4 by row; w = 1 where a correspondence was found
   const PointRootFinder& root_finder() const { return finder_; }
   PointRootFinder& root_finder() { return finder_; }
 
  private:
   std::vector<uint32_t> meet_box(uint32_t rays);
-  bool by_surface() const { return settings_.mode != SamplingMode::shell; }
-  bool bounded_by_shell() const { return !by_surface() || settings_.shell_bound; }
-  void place_by_surface(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
+  bool in_box() const { return settings_.mode != SamplingMode::shell; }  // and not in the shell alone
+  bool bounded_by_shell() const { return !in_box() || settings_.shell_bound; }
+  void place_in_box(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
   Device& device_;
   SamplingSettings settings_;

@@ -44,8 +44,9 @@ const std::vector<Knob>& knobs() {
   static const std::vector<Knob> all{
       {"sampling_mode",
        [](Settings& s, const std::string& n, const std::string& v) { 
-         s.sampling->mode = word(n, v, {SamplingMode::shell, SamplingMode::surface, SamplingMode::surface_only});
+         s.sampling->mode = word(n, v, {SamplingMode::shell, SamplingMode::surface, SamplingMode::surface_only, SamplingMode::uniform});
          if (s.sampling->mode == SamplingMode::surface_only) s.sampling->samples = 1;
+         if (s.sampling->mode == SamplingMode::uniform) s.sampling->samples = 64;
        },
        [](const Settings& s) { return Json(to_string(s.sampling->mode)); }},
       {"samples", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->samples = static_cast<uint32_t>(number(n, v, 1, 1024, true)); },
@@ -95,6 +96,8 @@ const std::vector<Knob>& knobs() {
        [](const Settings& s) { return Json(s.sampling->root.tolerance); }},
       {"root_max_iterations", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.max_iterations = static_cast<uint32_t>(number(n, v, 1, 1000, true)); },
        [](const Settings& s) { return Json(s.sampling->root.max_iterations); }},
+      {"root_initialisations", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.initialisations = static_cast<uint32_t>(number(n, v, 1, 8, true)); },
+       [](const Settings& s) { return Json(s.sampling->root.initialisations); }},
       {"root_correspondence",
        [](Settings& s, const std::string& n, const std::string& v) {
          s.sampling->root.correspondence = word(n, v, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone});
@@ -116,9 +119,14 @@ SamplingSettings picture_sampling(const Avatar& avatar) {
   SamplingSettings sampling;
   sampling.samples = 32;
   const nlohmann::json trained = nlohmann::json::parse(avatar.settings, nullptr, false);
-  if (!trained.is_object() || trained.value("sampling_mode", nlohmann::json()) != to_string(SamplingMode::surface)) return sampling;
-  sampling.mode = SamplingMode::surface;
-  sampling.samples = 64;
+  if (!trained.is_object()) return sampling;
+  if (trained.value("rendering", nlohmann::json()) == "surface") {
+    sampling.mode = SamplingMode::surface_only;
+    sampling.samples = 1;
+    return sampling;
+  }
+  for (const SamplingMode mode : {SamplingMode::surface, SamplingMode::uniform})
+    if (trained.value("sampling_mode", nlohmann::json()) == to_string(mode)) sampling.mode = mode, sampling.samples = 64;
   return sampling;
 }
 
@@ -139,11 +147,13 @@ RenderSettings render_preset(const Avatar& avatar, const std::string& name) {
   settings.least_weight = 1e-4;
   settings.baked_distances = avatar.spec.sdf.kind == FieldKind::sdf;
   settings.bake_cell = 0.008;
-  if (sampling.mode == SamplingMode::surface) sampling.surface = SurfaceSource::mesh;
+  if (asks_for_surface(sampling.mode)) sampling.surface = SurfaceSource::mesh;
   if (name == "balanced") return settings;
-  sampling.mode = SamplingMode::shell;
-  sampling.samples = 20;
-  settings.bake_cell = 0.01;
+  if (sampling.mode != SamplingMode::surface_only) {
+    sampling.mode = SamplingMode::shell;
+    sampling.samples = 20;
+    settings.bake_cell = 0.01;
+  }
   settings.color_groups = 1;
   settings.least_weight = 1e-2;
   if (name == "fast") return settings;

@@ -12,8 +12,8 @@
 namespace arah {
 
 // The knobs, each with its exact value in brackets:
-//   sampling_mode [as the avatar was trained]  shell, surface, surface_only: where a ray is sampled
-//   samples [32 in the shell, 64 around surfaces, 1 on them]  of a ray
+//   sampling_mode [as the avatar was trained]  shell, surface, surface_only, uniform: where a ray is sampled
+//   samples [32 in the shell, 64 around surfaces or in the whole box, 1 on surfaces]  of a ray
 //   around_surface, before_surface [17, 16]  of the samples of a ray that hits a surface: within half_width of it, and in front
 //   half_width [0.05]  metres; half_width_b [0]: in units of b if above 0, where that is less
 //   surface [search]  search, mesh: where the surface comes from that the modes surface and surface_only ask for
@@ -22,11 +22,12 @@ namespace arah {
 //   sdf_by_pose [frame]  frame, shared: where the SDF follows the pose, that of the frame, or the one that all poses share, of
 //     which what is baked stays good for every pose
 //   bake_cell [0.006]  metres between the nodes of that grid, which the mesh is made of too
-//   shell_bound [true]  surface: samples farther than 5.5 cm from the template are empty without a look
+//   shell_bound [true]  surface, uniform: samples farther than 5.5 cm from the template are empty without a look
 //   trace_start [box]  box, shell: where sphere tracing begins, the body's box or the template's shell (5.5 cm)
 //   trace_tolerance [1e-5]  metres, of the distance at which sphere tracing leaves the rest to the joint search
 //   root_tolerance [1e-5]  metres, of a correspondence's residual
 //   root_max_iterations [50]  of a correspondence's search
+//   root_initialisations [1]  2 to 8: starts of a correspondence's search, the least distance of their roots is kept
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for
 //   color_groups [0]  0: a colour for each sample; else one for each of so many groups of equal weight of a ray's samples
 //   least_weight [0]  samples whose compositing weight is at most this stay black
@@ -48,8 +49,8 @@ struct RenderSettings {
   uint64_t memory_bytes = 300'000'000;
 };
 
-// How pictures of an avatar are sampled exactly: 64 samples in the paper's places where it was trained so (`sampling_mode` of
-// its settings), else 32 in the template's shell.
+// How pictures of an avatar are sampled exactly: as it was trained (`sampling_mode` and `rendering` of its settings): 64
+// samples in the paper's places or evenly over the box, or one on the surface; else 32 in the template's shell.
 SamplingSettings picture_sampling(const Avatar& avatar);
 
 // "paper": exact to 1e-6 of a colour. "balanced": less than can be seen. "fast": a glance. "preview": while the camera moves. A density (FieldKind) is

@@ -202,7 +202,7 @@ std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Cam
 void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SurfaceHits& seen, Picture& picture) {
   const auto rays = static_cast<uint32_t>(pixels.size());
   samples_->set_pixels(commands_, frame, camera, pixels);
-  if (sampling_.mode != SamplingMode::shell) {
+  if (asks_for_surface(sampling_.mode)) {
     SurfaceHits hits;
     for (const uint32_t pixel : pixels) {
       const size_t at = pixel_index(pixel, camera.width);

@@ -51,8 +51,8 @@ class Renderer {
 
  private:
   bool bakes() const { return settings_.baked_distances || draws_mesh(); }
-  bool draws_mesh() const { return sampling_.mode != SamplingMode::shell && sampling_.surface == SurfaceSource::mesh; }
-  bool searches_surface() const { return sampling_.mode != SamplingMode::shell && sampling_.surface == SurfaceSource::search; }
+  bool draws_mesh() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::mesh; }
+  bool searches_surface() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::search; }
   uint32_t planned_rays();
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
   FrameOnDevice& posed(const Pose& pose);

@@ -16,6 +16,7 @@
 #include "kernels/tracing/interpolate_correspondences.h"
 #include "kernels/tracing/nearest_vertex.h"
 #include "kernels/tracing/normalise_inputs.h"
+#include "kernels/tracing/several_starts.h"
 #include "kernels/tracing/template_correspondence.h"
 #include "shaders/shared/work_count.h"
 
@@ -31,7 +32,7 @@ const char* to_string(Correspondence correspondence) {
   return "search";
 }
 
-PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity)
+PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t initialisations)
     : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
   const uint64_t vec4_bytes = uint64_t(capacity_) * 16;
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) { return Buffer(device, std::string("root search: ") + what, bytes, place); };
@@ -60,6 +61,12 @@ PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint3
   search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
   state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point, false));
   state_ = {state_buffer_.slice(), capacity_, Unknowns::point, false};
+  if (initialisations <= 1) return;
+  sdf_tape_.emplace(device, "root search: distances at roots", networks.sdf_shape(), capacity_, SirenTape::Holds::values, Element::float32, false);
+  found_ = make("roots from another start", vec4_bytes);
+  kept_sdf_ = make("least distances of roots", capacity_ * 4ull);
+  bone_segments_ = make("bones", networks.bone_segments().size() * 16ull);
+  device.upload(bone_segments_.slice(), networks.bone_segments());
 }
 
 void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
@@ -73,7 +80,53 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   }
   if (networks_.spec().skinning.kind == Skinning::template_weights) return solve_by_template(commands, frame, points, targets, canonical);
   if (networks_.spec().skinning.kind == Skinning::backward) return solve_backward(commands, frame, points, targets, canonical);
+  const bool from_grid = settings.correspondence != Correspondence::search && frame.correspondences() && frame.correspondences()->solved();
+  if (settings.initialisations > 1 && !from_grid) return search_from_several(commands, frame, points, targets, canonical, settings);
+  search(commands, frame, points, targets, canonical, settings, {});
+}
 
+void PointRootFinder::search_from_several(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings) {
+  if (!sdf_tape_) throw std::invalid_argument(fmt::format("root search from {} starts in room for one", settings.initialisations));
+  const RootFindingCounts before = counts_;
+  const auto listed = [&](const BufferSlice& with_root) {
+    CompactArgs args;
+    args.rows.range.points = points;
+    args.flagged_points = with_root;
+    args.scratch = scratch_.slice();
+    args.compacted = ids_[0].slice();
+    args.count = count_[0].slice();
+    record_compact(commands, args);
+    return Rows{{points, count_[0].slice()}, ids_[0].slice()};
+  };
+  search(commands, frame, points, targets, canonical, settings, {});
+  RootFindingCounts counts = counts_;
+  for (uint32_t start = 0; start < settings.initialisations; ++start) {
+    const BufferSlice found = start == 0 ? canonical : found_.slice();
+    if (start > 0) {
+      search(commands, frame, points, targets, found, settings, start - 1);
+      commands.stage("correspondence search");
+    }
+    const Rows rows = listed(found);
+    record_normalise_inputs(commands, {rows, frame.constants(), found, sdf_tape_->input()});
+    networks_.sdf().record_forward(commands, *sdf_tape_, rows.range, false);
+    record_keep_root(commands, {rows, start == 0, sdf_tape_->sdf(), found, canonical, kept_sdf_.slice()});
+  }
+  // A point counts once: what became of it from its first start, unless another one led to a root.
+  listed(canonical);
+  commands.submit_and_wait();
+  WorkCount with_root{};
+  device_.download(count_[0].slice(), &with_root, sizeof with_root);
+  uint64_t rescued = with_root.count - (counts.converged - before.converged);
+  counts.steps = counts_.steps;
+  counts.converged += rescued;
+  const uint64_t of_exhausted = std::min(rescued, counts.exhausted - before.exhausted);
+  counts.exhausted -= of_exhausted;
+  counts.diverged -= rescued - of_exhausted;
+  counts_ = counts;
+}
+
+void PointRootFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings,
+                             std::optional<uint32_t> bone) {
   CorrespondenceGrid* grid = settings.correspondence == Correspondence::search ? nullptr : frame.correspondences();
   const bool from_grid = grid && grid->solved(), alone = from_grid && settings.correspondence == Correspondence::grid_alone,
              answers = alone || (from_grid && settings.correspondence == Correspondence::grid);
@@ -169,7 +222,8 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
     commands.fill(state_.status(), 0);  // never started
     return finish();
   }
-  record_nearest_vertex(commands, nearest);
+  if (bone) record_bone_starts(commands, {without_start, frame.constants(), targets, bone_segments_.slice(), static_cast<uint32_t>(networks_.bone_segments().size() / 2), *bone, starts_.slice()});
+  else record_nearest_vertex(commands, nearest);
   evaluate(starts_.slice(), true);
   BroydenStartArgs start;
   start.rows = rows();

@@ -24,6 +24,11 @@ struct RootFindingSettings {
   uint32_t max_iterations = 50;  // the paper's; fewer drop the slow tail (98 % converge within 11)
   float tolerance = 1e-5f;       // metres
   Correspondence correspondence = Correspondence::search;
+  // Starts of each point's own search: the nearest vertex's, and from the nearest initialisations − 1 bones, what the bone alone
+  // would make of the point (the paper's ablation: 3). Of several roots the one with the least signed distance is kept, a union
+  // as in SNARF, whose paper this one follows without saying; all are roots to the tolerance, so that residuals tell nothing.
+  // A point whose search begins in the grid has that one start; the grid's nodes have these.
+  uint32_t initialisations = 1;
   // Whether sphere tracing begins where a ray enters the template's shell (SphereTracing::from_shell) and not at the body's box.
   bool trace_from_shell = false;
   float trace_tolerance = 1e-5f;  // metres, of the distance at which sphere tracing leaves the rest to the joint search
@@ -38,13 +43,14 @@ struct RootFindingCounts {
 // Point-wise search: for each target, x̂ with LBS(x̂) = target, from the nearest posed vertex.
 class PointRootFinder {
  public:
-  // capacity: points at a time.
-  PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity);
+  // capacity: points at a time. initialisations: the most that a search will ask for.
+  PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t initialisations = 1);
 
   // targets: vec4 by point (posed space, w > 0: wanted). canonical: vec4 by point, w = 1 found, 0 not.
   // Records into commands and submits: on return the work is done.
   // With template weights the nearest vertex decides and every wanted point counts as found; without skinning x̂ = target.
-  // The frame's grid is read where it has one and the settings want it (correspondence_grid.h).
+  // With several starts the networks' SDF decides, as it is packed now. Throws std::invalid_argument for more starts than there is
+  // room for. The frame's grid is read where it has one and the settings want it (correspondence_grid.h).
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
   uint32_t capacity() const { return capacity_; }
@@ -65,6 +71,9 @@ class PointRootFinder {
   void restore_counts(const RootFindingCounts& counts) { counts_ = counts; }  // of before a search that is not to count
 
  private:
+  // From the nearest vertex or what the grid says, or from the bone of that rank.
+  void search(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings, std::optional<uint32_t> bone);
+  void search_from_several(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings);
   // A network gives the weights at the targets.
   void solve_backward(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical);
   void record_blend(Commands& commands, FrameOnDevice& frame, const Rows& inputs, const BufferSlice& at, const BufferSlice& canonical);
@@ -76,6 +85,8 @@ class PointRootFinder {
   RootFindingCounts counts_;
   std::optional<DenseTape> tape_;
   BufferSlice targets_;
+  std::optional<SirenTape> sdf_tape_;  // with several starts, as the next
+  Buffer found_, kept_sdf_, bone_segments_;
   BroydenState state_;
   Buffer state_buffer_, posed_, transforms_, starts_, interpolated_, nearest_, active_, ids_[2], count_[2], scratch_, search_counts_;
 };

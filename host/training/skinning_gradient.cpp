@@ -6,7 +6,6 @@
 #include "kernels/skinning/implicit_cotangent.h"
 #include "kernels/skinning/jacobian.h"
 #include "kernels/skinning/lbs.h"
-#include "kernels/skinning/lbs_backward.h"
 #include "kernels/tracing/normalise_inputs.h"
 
 namespace arah {
@@ -34,6 +33,25 @@ uint64_t SkinningGradient::scratch_floats() const {
 
 void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch,
                                              const Wanted& wanted) {
+  record_jacobians(commands, frame, rows, canonical, wanted);
+  commands.fill(singular_.slice(), 0);
+  record_implicit_cotangent(commands, {rows, asks_posed_points() ? transforms_.slice() : jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
+  if (wanted.pose) wanted.pose->record_add(commands, rows, canonical, cotangents_.slice());
+  if (wanted.weights) record_from_cotangents(commands, frame, rows, canonical, cotangents_.slice(), accumulate, scratch);
+}
+
+LbsBackwardArgs SkinningGradient::backward(FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical) {
+  LbsBackwardArgs back;
+  back.tree = &networks_.tree();
+  back.rows = {{rows, {}}, {}};
+  back.logits = rows_tape_.output();
+  back.frame = frame.constants();
+  back.canonical = canonical;
+  back.d_logits = rows_tape_.output_gradient();
+  return back;
+}
+
+void SkinningGradient::record_jacobians(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const Wanted& wanted) {
   const Rows all{{rows, {}}, {}};
   DenseNetwork& network = networks_.skinning();
   if (asks_posed_points()) record_normalise_inputs(commands, {{all.range, wanted.samples}, frame.constants(), wanted.targets, rows_tape_.input(), true});
@@ -50,13 +68,7 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
   if (wanted.pose) lbs.weights = wanted.pose->weights();
   record_lbs(commands, lbs);
 
-  LbsBackwardArgs back;
-  back.tree = &networks_.tree();
-  back.rows = all;
-  back.logits = rows_tape_.output();
-  back.frame = frame.constants();
-  back.canonical = canonical;
-  back.d_logits = rows_tape_.output_gradient();
+  LbsBackwardArgs back = backward(frame, rows, canonical);
   JacobianArgs jacobian;
   jacobian.range = all.range;
   jacobian.frame = frame.constants();
@@ -74,17 +86,17 @@ void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& 
     jacobian.gradients[i] = through.input_gradient_result;
   }
   if (!asks_posed_points()) record_jacobian(commands, jacobian);
-  commands.fill(singular_.slice(), 0);
-  record_implicit_cotangent(commands, {rows, asks_posed_points() ? transforms_.slice() : jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
-  if (wanted.pose) wanted.pose->record_add(commands, rows, canonical, cotangents_.slice());
-  if (!wanted.weights) return;
+}
+
+void SkinningGradient::record_from_cotangents(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& cotangents, bool accumulate, const BufferSlice& scratch) {
+  LbsBackwardArgs back = backward(frame, rows, canonical);
   back.component = 3;
-  back.cotangents = cotangents_.slice();
+  back.cotangents = cotangents;
   record_lbs_backward(commands, back);
   DenseNetwork::Backward weights;
   weights.accumulate = accumulate;
   weights.scratch = scratch;
-  network.record_backward(commands, rows_tape_, all.range, weights);
+  networks_.skinning().record_backward(commands, rows_tape_, {rows, {}}, weights);
 }
 
 void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones) {

@@ -8,6 +8,7 @@
 #include "host/rendering/frame_on_device.h"
 #include "host/training/pose_refinement.h"
 #include "host/training/template_samples.h"
+#include "kernels/skinning/lbs_backward.h"
 #include "kernels/skinning/weights_loss.h"
 
 namespace arah {
@@ -32,12 +33,20 @@ class SkinningGradient {
     record_from_positions(commands, frame, rows, canonical, upstream, accumulate, scratch, Wanted{});
   }
 
+  // The two halves of the above around another use of the Jacobians: ∂LBS/∂x̂ at canonical points, three vec4 by row; and from
+  // cotangents on LBS(x̂) at these points, vec4 by row, to effective weight gradients.
+  void record_jacobians(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical) { record_jacobians(commands, frame, rows, canonical, Wanted{}); }
+  BufferSlice jacobians() { return jacobians_.slice(); }
+  void record_from_cotangents(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& cotangents, bool accumulate, const BufferSlice& scratch);
+
   // Uploads a batch of `points` of the pool, with Skinning::backward moved by these bones; then the loss and its effective weight gradients (=, or += with accumulate).
   void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones);
   void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
 
  private:
   bool asks_posed_points() const { return networks_.spec().skinning.kind == Skinning::backward; }
+  LbsBackwardArgs backward(FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical);
+  void record_jacobians(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const Wanted& wanted);
 
   Device& device_;
   AvatarNetworks& networks_;

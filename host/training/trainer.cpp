@@ -26,8 +26,8 @@
 namespace arah {
 namespace {
 
-// Slots of the losses buffer; the image loss fills two.
-enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, parameter_slot, loss_slots };
+// Slots of the losses buffer; the image and the mask loss fill two each.
+enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, parameter_slot, mask_slot, mask_alpha_slot, loss_slots };
 
 // Fixed-point unit of the grid's gradient: contributions of a loss over R rays are about 1 / R (kernels/color/feature_grid.h).
 float grid_scale(const TrainingSettings& settings) { return static_cast<float>(all_rays(settings)) * 4096.0f; }
@@ -46,7 +46,7 @@ std::mt19937_64 step_generator(uint64_t seed, uint64_t step, uint64_t stream) {
 uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings) {
   if (settings.rays_at_a_time) return std::min(padded_points(settings.rays_at_a_time), settings.rays);
   const uint64_t rows = device.report().max_storage_buffer_bytes / (4 * std::max({64u, spec.sdf.width, spec.skinning.width}));
-  const uint64_t rays = std::max<uint64_t>(rows / settings.sampling.samples / point_padding, 1) * point_padding;
+  const uint64_t rays = std::max<uint64_t>(rows / settings.color_sampling().samples / point_padding, 1) * point_padding;
   return static_cast<uint32_t>(std::min<uint64_t>(rays, settings.rays));
 }
 
@@ -60,26 +60,41 @@ uint32_t shaded_in_a_pass(Device& device, const AvatarSpec& spec, const Training
   const uint64_t bound = device.report().max_storage_buffer_bytes;
   const uint64_t room = std::min(bound / (4 * widest), 12 * bound / (4 * (sdf + color + skinning))) / point_padding * point_padding;
   const uint64_t rows = settings.shaded_at_a_time ? std::min<uint64_t>(room, padded_points(settings.shaded_at_a_time)) : room;
+  const uint32_t samples = settings.color_sampling().samples;
   // at least those of 64 rays, which cannot be halved
-  return static_cast<uint32_t>(std::min<uint64_t>(std::max<uint64_t>(rows, point_padding * settings.sampling.samples), padded_points(pass_rays * settings.sampling.samples)));
+  return static_cast<uint32_t>(std::min<uint64_t>(std::max<uint64_t>(rows, point_padding * samples), padded_points(pass_rays * samples)));
+}
+
+// Rays of a pass whose least distance is looked for together.
+uint32_t mask_rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings, uint32_t pass_rays) {
+  const uint64_t rows = device.report().max_storage_buffer_bytes / (4 * std::max({64u, spec.sdf.width, spec.skinning.width}));
+  const uint64_t rays = std::max<uint64_t>(rows / settings.mask_samples / point_padding, 1) * point_padding;
+  return static_cast<uint32_t>(std::min<uint64_t>(rays, padded_points(pass_rays)));
 }
 
 }  // namespace
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
-    : samples(device, networks, pass_rays, settings.sampling),
-      shaded(device, networks, pass_rays, settings.sampling.samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
+    : samples(device, networks, pass_rays, settings.color_sampling()),
+      shaded(device, networks, pass_rays, settings.color_sampling().samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
   check_settings(settings, networks.spec(), "training");
   if (networks.spec().sdf.kind == FieldKind::sdf) {
     eikonal_tape.emplace(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order);
     sign_tape.emplace(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order);
   }
-  const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * settings.sampling.samples);
+  const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * samples.samples());
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
   if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
-  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, shaded.field().shaded_capacity(), settings.skinning_points);
+  const bool of_surface = settings.rendering == Rendering::surface;
+  const uint32_t mask_rays = of_surface ? mask_rays_of_a_pass(device, networks.spec(), settings, pass_rays) : 0;
+  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, std::max(shaded.field().shaded_capacity(), mask_rays), settings.skinning_points);
   if (settings.pose_refinement) pose_gradient.emplace(device, networks, shaded.field().shaded_capacity());
-  if (settings.sampling.mode == SamplingMode::surface) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
+  if (of_surface) {
+    shaded.field().opaque_distances();
+    surface_gradient.emplace(device, networks, shaded.field().shaded_capacity(), skinning ? &*skinning : nullptr);
+    mask_loss.emplace(device, networks, settings, mask_rays);
+  }
+  if (asks_for_surface(settings.color_sampling().mode)) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
   // Where memory is too short for all rays together, it is short for this too.
   if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
@@ -104,7 +119,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
   norms = make("norms of gradients", layout.groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
   scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape ? eikonal_tape->capacity() : 1), networks.sdf().weight_gradient_scratch(sign_tape ? sign_tape->capacity() : 1),
-                                                                   skinning ? skinning->scratch_floats() : 64, shaded.field().scratch_floats()}));
+                                                                   skinning ? skinning->scratch_floats() : 64, mask_loss ? mask_loss->scratch_floats() : 64, shaded.field().scratch_floats()}));
 }
 
 Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings)
@@ -116,7 +131,8 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       template_samples_(draw_template_samples(avatar_, settings.seed)),
       pass_rays_(planned_rays()),
       networks_(device, avatar_, true, settings.frames_per_step),
-      room_(device, networks_, settings, pass_rays_) {
+      room_(device, networks_, settings_, pass_rays_),
+      mask_sharpness_(settings.mask_alpha, settings.mask_alpha_rate) {
   if (settings_.disturb_degrees > 0 || settings_.disturb_metres > 0)
     for (size_t frame = 0; frame < images_.poses().size(); ++frame) {
       images_.set_pose(frame, disturbed_pose(images_.poses()[frame], settings_.disturb_degrees, settings_.disturb_metres, settings_.seed, images_.frame_number(frame)));
@@ -446,7 +462,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   image.rays = rays;
   image.normaliser = float(all_rays(settings_));
   image.color_weight = static_cast<float>(settings_.color_weight);
-  image.alpha_weight = static_cast<float>(settings_.alpha_weight);
+  image.alpha_weight = static_cast<float>(room_.mask_loss ? 0 : settings_.alpha_weight);
   image.colors = room_.shaded.colors();
   image.targets = room_.targets.slice().sub(first_of_step * 16ull, padded_points(rays) * 16ull);
   image.d_colors = room_.d_colors.slice();
@@ -471,7 +487,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   commands_.stage("shading backward");
   Field::Backward field_back;
   field_back.accumulate = accumulate;
-  field_back.position = skinning_step || pose_step_;
+  field_back.position = skinning_step || pose_step_ || room_.surface_gradient;
   field_back.grid_scale = grid_scale(settings_);
   field_back.grid_sums = room_.grid_sums.slice();
   field_back.grid_clamped = room_.grid_clamped.slice();
@@ -479,12 +495,29 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   commands_.stage("skinning backward");
   const Field::Inputs& at = room_.shaded.inputs();
   PoseGradient* pose = pose_step_ ? &*room_.pose_gradient : nullptr;
-  if (room_.skinning && (skinning_step || pose))
+  if (room_.surface_gradient)
+    room_.surface_gradient->record(commands_, frame, room_.samples, room_.shaded, rays, skinning_step, accumulate, room_.scratch.slice());
+  else if (room_.skinning && (skinning_step || pose))
     room_.skinning->record_from_positions(commands_, frame, at.rows, at.canonical, field.position_gradient(), accumulate, room_.scratch.slice(),
                                           {.weights = skinning_step, .pose = pose, .targets = room_.samples.root_finder().targets(), .samples = at.samples});
   else if (pose)
     pose->record_add_by_vertex(commands_, frame, room_.samples.root_finder(), {{at.rows, {}}, at.samples}, at.canonical, field.position_gradient());
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
+}
+
+bool Trainer::of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray) { return hits.points[ray][3] <= 0 || batch.targets[ray][3] < 0.5f; }
+
+void Trainer::record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step) {
+  MaskLoss::Rays rays;
+  for (size_t ray = 0; ray < batch.pixels.size(); ++ray) {
+    if (!of_mask_loss(batch, hits, ray)) continue;
+    rays.pixels.push_back(batch.pixels[ray]);
+    rays.masks.push_back(batch.targets[ray][3]);
+    if (settings_.ray_importance > 0) rays.weights.push_back(batch.weights[ray]);
+  }
+  commands_.submit_and_wait();
+  room_.mask_loss->record(commands_, frame, images_.camera(batch.place.camera), rays, mask_sharpness_.alpha(), static_cast<uint32_t>(steps_), skinning_step ? &*room_.skinning : nullptr,
+                          room_.losses.slice(), mask_slot, room_.scratch.slice());
 }
 
 void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_step, bool skinning_step) {
@@ -497,7 +530,6 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
   networks_.record_pack(commands_, row, draw_pose_input(number, frame_of_step));
   for (const Batch& batch : batches) {
     const uint64_t first_of_step = uint64_t(batch.picture) * padded_points(settings_.rays);
-    device_.upload(room_.targets.slice().elements(4 * first_of_step, 4 * batch.targets.size()), batch.targets);
     if (settings_.ray_importance > 0) device_.upload(room_.ray_weights.slice().elements(first_of_step, batch.weights.size()), batch.weights);
     SurfaceHits hits;
     if (room_.surface_finder) {
@@ -506,7 +538,13 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
       person_rays_ += batch.on_person;
       for (uint32_t ray = 0; ray < batch.on_person; ++ray) person_hits_ += hits.points[ray][3] > 0;
     }
+    std::vector<std::array<float, 4>> targets = batch.targets;
+    // In surface rendering a ray has a colour to learn where it hits the surface and shows the person.
+    for (size_t ray = 0; room_.mask_loss && ray < targets.size(); ++ray)
+      if (of_mask_loss(batch, hits, ray)) targets[ray][3] = -1;
+    device_.upload(room_.targets.slice().elements(4 * first_of_step, 4 * targets.size()), targets);
     for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, settings_.rays - first), skinning_step);
+    if (room_.mask_loss) record_mask_loss_of(frame, batch, hits, skinning_step);
   }
   commands_.stage("regularisers");
   record_regularisers();
@@ -535,6 +573,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
   room_.samples.root_finder().reset_counts();
+  if (room_.mask_loss) room_.mask_loss->root_finder().reset_counts();
   shaded_samples_ = passes_done_ = 0;
   person_rays_ = person_hits_ = 0;
   room_.samples.set_half_width(half_width(settings_, steps_));
@@ -576,10 +615,17 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.parameters = losses[parameter_slot] / double(settings_.frames_per_step);
   report.hits = person_rays_ ? double(person_hits_) / double(person_rays_) : 0;
   report.passes = passes_done_;
-  report.total = settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
-                 settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning + settings_.parameter_weight * report.parameters;
+  if (room_.mask_loss) {
+    report.mask = losses[mask_slot];
+    report.mask_alpha = mask_sharpness_.alpha();
+    report.alpha = 0;
+    mask_sharpness_.learn(settings_.mask_weight * losses[mask_alpha_slot]);
+    report.total = settings_.mask_weight * report.mask;
+  }
+  report.total += settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
+                  settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning + settings_.parameter_weight * report.parameters;
   report.sdf_norm = norms[0].norm;
-  const RootFindingCounts counts = room_.samples.root_finder().counts();
+  const RootFindingCounts counts = (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts();
   report.shaded = double(shaded_samples_) / double(uint64_t(room_.samples.rows(settings_.rays)) * settings_.frames_per_step * settings_.pictures_per_frame);
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
   device_.download(room_.grid_clamped.slice().elements(0, 1), &report.grid_clamped, 4);
@@ -627,6 +673,7 @@ SafetensorsFile Trainer::checkpoint() {
     refinement_->save(file);
     refinement_->save_poses(file, "training.shell_poses", images_.shell_poses());
   }
+  if (room_.mask_loss) mask_sharpness_.save(file);
   file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
   file.tensors["training.last_skinning_loss"] = Tensor::from<double>({}, std::vector<double>{last_skinning_loss_});
   return file;
@@ -647,6 +694,7 @@ void Trainer::resume(const SafetensorsFile& file) {
   last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
   steps_ = saved.steps;
   if (settings_.ray_importance > 0) importance_.load(file, images_.places().size());
+  if (room_.mask_loss) mask_sharpness_.load(file);
   // Shells and grids as they were: of the poses and solved with the parameters of then.
   if (refinement_) {
     refinement_->load(file);

@@ -12,8 +12,10 @@
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shaded_rays.h"
 #include "host/training/pose_refinement.h"
+#include "host/training/mask_loss.h"
 #include "host/training/ray_importance.h"
 #include "host/training/skinning_gradient.h"
+#include "host/training/surface_gradient.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
 #include "host/training/training_settings.h"
@@ -27,6 +29,7 @@ struct StepReport {
   uint64_t step = 0;  // steps done, this one included
   double color = 0, alpha = 0, eikonal = 0, off_surface = 0, inside = 0, skinning = 0;  // skinning: of the last step that had it
   double parameters = 0;  // size of the generated SDF, where it follows the pose
+  double mask = 0, mask_alpha = 0;  // of surface rendering alone: alpha plays no part there
   double total = 0;   // weighted sum
   double sdf_norm = 0;  // of the sdf group's gradient before clipping
   double b = 0;         // metres
@@ -89,6 +92,8 @@ class Trainer {
     std::optional<SirenTape> eikonal_tape, sign_tape;  // where there is a surface
     std::optional<SkinningGradient> skinning;
     std::optional<PoseGradient> pose_gradient;  // where poses are refined
+    std::optional<SurfaceGradient> surface_gradient;  // of surface rendering
+    std::optional<MaskLoss> mask_loss;
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
     Buffer first_moments, second_moments, averages;     // of the parameters
     Buffer grid_sums, grid_clamped, squares, norms;     // of the gradients
@@ -123,6 +128,9 @@ class Trainer {
   // Submits, and leaves the last launches recorded.
   void run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step);
   void record_regularisers();
+  // Of surface rendering: whether the ray misses the surface or the person, and the loss of those that do. Submits.
+  static bool of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray);
+  void record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step);
   // Losses and raw gradients (+=) of one frame's pictures.
   void run_frame(const std::vector<Batch>& batches, uint32_t frame_of_step, bool skinning_step);
   void record_update(Group& group, size_t index);
@@ -151,6 +159,7 @@ class Trainer {
   uint64_t steps_ = 0;
   double done_ = 0;
   double last_skinning_loss_ = 0;
+  MaskSharpness mask_sharpness_;
 };
 
 }  // namespace arah

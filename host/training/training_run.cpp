@@ -61,6 +61,8 @@ ordered_json step_json(const StepReport& r) {
           {"total", r.total},
           {"color", r.color},
           {"alpha", r.alpha},
+          {"mask", r.mask},
+          {"mask_alpha", r.mask_alpha},
           {"eikonal", r.eikonal},
           {"inside", r.inside},
           {"skinning", r.skinning},

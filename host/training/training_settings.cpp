@@ -38,6 +38,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("shaded_at_a_time", s.shaded_at_a_time);
   visit("mask_fraction", s.mask_fraction);
   visit("ray_importance", s.ray_importance);
+  visit("rendering", s.rendering);
   visit("sampling_mode", s.sampling.mode);
   visit("samples", s.sampling.samples);
   visit("around_surface", s.sampling.around_surface);
@@ -52,12 +53,17 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("shell_inner", s.sampling.shell.inner);
   visit("root_max_iterations", s.sampling.root.max_iterations);
   visit("root_tolerance", s.sampling.root.tolerance);
+  visit("root_initialisations", s.sampling.root.initialisations);
   visit("root_correspondence", s.sampling.root.correspondence);
   visit("grid_steps", s.grid_steps);
   visit("view_augmentation", s.view_augmentation);
   visit("least_weight", s.least_weight);
   visit("color_weight", s.color_weight);
   visit("alpha_weight", s.alpha_weight);
+  visit("mask_weight", s.mask_weight);
+  visit("mask_samples", s.mask_samples);
+  visit("mask_alpha", s.mask_alpha);
+  visit("mask_alpha_rate", s.mask_alpha_rate);
   visit("eikonal_weight", s.eikonal_weight);
   visit("off_surface_weight", s.off_surface_weight);
   visit("inside_weight", s.inside_weight);
@@ -125,7 +131,9 @@ struct Reader {
       visit_group(value, reader);
       reader.refuse_unknown();
     } else if constexpr (std::is_same_v<T, SamplingMode>) {
-      read_word(found->dump(), field, {SamplingMode::shell, SamplingMode::surface}, value);
+      read_word(found->dump(), field, {SamplingMode::shell, SamplingMode::surface, SamplingMode::uniform}, value);
+    } else if constexpr (std::is_same_v<T, Rendering>) {
+      read_word(found->dump(), field, {Rendering::volume, Rendering::surface}, value);
     } else if constexpr (std::is_same_v<T, Correspondence>) {
       read_word(found->dump(), field, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone}, value);
     } else {
@@ -247,16 +255,34 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   const uint32_t least = settings.sampling.around_surface + settings.sampling.before_surface;
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
     throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
+  if (settings.sampling.root.initialisations < 1 || settings.sampling.root.initialisations > 8) throw InputError(where, "root_initialisations", "from 1 to 8", fmt::format("{}", settings.sampling.root.initialisations));
+  // A frame's grid of roots would hold what an SDF said that is gone when a training is resumed.
+  if (settings.sampling.root.initialisations > 1 && settings.sampling.root.correspondence != Correspondence::search)
+    throw InputError(where, "root_initialisations", "1 where root_correspondence is not search", fmt::format("{}", settings.sampling.root.initialisations));
+  if (settings.mask_samples == 0 || settings.mask_samples > 1024) throw InputError(where, "mask_samples", "from 1 to 1024", fmt::format("{}", settings.mask_samples));
+  if (!(settings.mask_weight >= 0 && settings.mask_alpha > 0 && settings.mask_alpha_rate >= 0))
+    throw InputError(where, "mask_weight, mask_alpha, mask_alpha_rate", "at least 0, above 0, at least 0", fmt::format("{}, {}, {}", settings.mask_weight, settings.mask_alpha, settings.mask_alpha_rate));
   return settings;
 }
 
+const char* to_string(Rendering rendering) { return rendering == Rendering::surface ? "surface" : "volume"; }
+
+SamplingSettings TrainingSettings::color_sampling() const {
+  SamplingSettings result = sampling;
+  if (rendering == Rendering::surface) result.mode = SamplingMode::surface_only, result.samples = 1;
+  return result;
+}
+
 void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where) {
-  if (spec.skinning.kind == Skinning::backward && settings.sampling.mode != SamplingMode::shell)
+  const bool backward = spec.skinning.kind == Skinning::backward, density = spec.sdf.kind == FieldKind::density, surface = settings.rendering == Rendering::surface;
+  if ((backward || density) && surface)
+    throw InputError(where, "rendering", backward ? "volume with skinning.kind backward, which knows no way from the surface to posed space" : "volume with sdf.kind density, which has no surface", "surface");
+  if (backward && settings.sampling.mode != SamplingMode::shell)
     throw InputError(where, "sampling_mode", "shell with skinning.kind backward, which knows no way from the surface to posed space", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
-  if (spec.sdf.kind == FieldKind::density && settings.sampling.mode != SamplingMode::shell)
-    throw InputError(where, "sampling_mode", "shell with sdf.kind density, which has no surface to search", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
-  if (spec.skinning.kind == Skinning::backward && settings.pose_refinement)
-    throw InputError(where, "pose_refinement", "false with skinning.kind backward, whose weights follow the pose themselves", "true", "arah train: --set pose_refinement=false");
+  if (density && settings.sampling.mode != SamplingMode::shell && settings.sampling.mode != SamplingMode::uniform)
+    throw InputError(where, "sampling_mode", "shell or uniform with sdf.kind density, which has no surface to search", to_string(settings.sampling.mode), "arah train: --set sampling_mode=shell");
+  if ((backward || surface) && settings.pose_refinement)
+    throw InputError(where, "pose_refinement", backward ? "false with skinning.kind backward, whose weights follow the pose themselves" : "false with rendering surface, whose gradients go to the networks alone", "true", "arah train: --set pose_refinement=false");
 }
 
 double half_width(const TrainingSettings& settings, uint64_t step) {

@@ -9,6 +9,13 @@
 
 namespace arah {
 
+// What a ray's colour is in training.
+enum class Rendering {
+  volume,   // its samples', composited (the paper)
+  surface,  // the one where it hits the surface (the paper's ablation: appendix "Ablation on Ray Sampling Strategies")
+};
+const char* to_string(Rendering rendering);
+
 // Rate of a parameter group over training: 0 for `freeze` steps, linear over `warm_up` steps, times a cosine from 1 to
 // TrainingSettings::end_fraction over the whole training.
 struct GroupSettings {
@@ -33,7 +40,11 @@ struct TrainingSettings {
   uint32_t shaded_at_a_time = 0;  // of the samples of these rays; more go in halves. At least those of 64 rays; 0: as many as the device has room for
   double mask_fraction = 0.6;    // of them on the person, the others in the shell around
   double ray_importance = 0;     // share of them drawn where the picture was wrong before, 0..0.9 (ray_importance.h); 0: all by chance
+  // surface: the shape learns through the joint search's implicit gradient and from the mask loss (mask_loss.h), in place of
+  // alpha_weight; sampling's mode and samples are not read, and b learns nothing.
+  Rendering rendering = Rendering::volume;
   SamplingSettings sampling;
+  SamplingSettings color_sampling() const;  // that `rendering` asks for
   // surface: the dense samples begin within half_width_start metres of the surface instead of half_width, and come to the
   // latter linearly over half_width_steps, so that a shape that is still far from the pictures is seen. 0: half_width from the start.
   double half_width_start = 0;
@@ -44,6 +55,11 @@ struct TrainingSettings {
   uint64_t grid_steps = 4000;    // steps between two searches at the nodes of all frames' grids (root_correspondence)
 
   double color_weight = 30, alpha_weight = 1;
+  // Of surface rendering alone: the mask loss's weight, in how many places of a ray the least distance is looked for, and α, per
+  // cube unit, at the start and the rate that it learns at. The paper states 3,000, 100 and that α is learnt; 50 is IDR's first.
+  double mask_weight = 3000;
+  uint32_t mask_samples = 100;
+  double mask_alpha = 50, mask_alpha_rate = 1e-4;
   // The first three act on a surface; with sdf.kind density they are idle.
   double eikonal_weight = 10, off_surface_weight = 100, inside_weight = 10, skinning_weight = 10;
   double parameter_weight = 100;  // of the size of the SDF's parameters, |φ| / n (ARAH.md §7); where the SDF follows the pose

@@ -99,4 +99,17 @@ ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const doubl
   return loss;
 }
 
+MaskLoss mask_loss(std::span<const double> least_sdf, std::span<const double> mask, double alpha, double rays, std::span<const double> ray_weights) {
+  const auto softplus = [](double x) { return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))); };
+  MaskLoss loss{0, std::vector<double>(least_sdf.size()), 0};
+  for (std::size_t i = 0; i < least_sdf.size(); ++i) {
+    const double f = least_sdf[i], x = alpha * f, weight = (ray_weights.empty() ? 1 : ray_weights[i]) / rays;
+    const double value = (mask[i] * softplus(x) + (1 - mask[i]) * softplus(-x)) / alpha, slope = mask[i] * sigmoid(x) - (1 - mask[i]) * sigmoid(-x);
+    loss.value += weight * value;
+    loss.gradient[i] = weight * slope;
+    loss.d_alpha += weight * (f * slope - value) / alpha;
+  }
+  return loss;
+}
+
 }  // namespace arah::reference

@@ -51,4 +51,13 @@ ScalarLoss parameter_loss(std::span<const double> parameters);
 ScalarLoss alpha_loss(std::span<const double> weights_sum, std::span<const double> mask, double rays,
                       std::span<const double> ray_weights = {});
 
+struct MaskLoss {
+  double value = 0;
+  std::vector<double> gradient;  // to the distances
+  double d_alpha = 0;
+};
+// The mask loss of surface rendering (paper, appendix "Mask Loss"): Σ q BCE(m, sigmoid(−α f)) / (α N), f the rays' least
+// distances in cube units, m their mask. BCE(m, sigmoid(−x)) = m ln(1 + eˣ) + (1 − m) ln(1 + e⁻ˣ). q: as in color_loss.
+MaskLoss mask_loss(std::span<const double> least_sdf, std::span<const double> mask, double alpha, double rays, std::span<const double> ray_weights = {});
+
 }  // namespace arah::reference

@@ -65,4 +65,11 @@ ShellSamples shell_samples(double near, double far, std::uint64_t kept, int coun
   return samples;
 }
 
+int least_distance(std::span<const double> sdf, std::span<const std::uint8_t> counts) {
+  int least = -1;
+  for (std::size_t i = 0; i < sdf.size(); ++i)
+    if (counts[i] && (least < 0 || sdf[i] < sdf[static_cast<std::size_t>(least)])) least = static_cast<int>(i);
+  return least;
+}
+
 }  // namespace arah::reference

@@ -35,6 +35,9 @@ RaySamples uniform_samples(double near, double far, int count = 64);
 // 1).
 void jitter(RaySamples& samples, std::span<const double> random);
 
+// The sample of a ray at which the distance is least, the first of several; -1 where no sample counts.
+int least_distance(std::span<const double> sdf, std::span<const std::uint8_t> counts);
+
 inline constexpr int kShellBins = 64;
 
 struct ShellSamples {

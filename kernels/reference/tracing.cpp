@@ -49,6 +49,23 @@ Correspondence template_correspondence(const Vector<3>& posed, const PosedTempla
   return found;
 }
 
+Vector<3> bone_start(const Vector<3>& posed, std::span<const Matrix<4>> bone_transforms, std::span<const BoneSegment> segments, std::size_t rank) {
+  std::vector<std::pair<double, std::size_t>> order;  // by distance, then index
+  std::vector<Vector<3>> starts;
+  for (std::size_t b = 0; b < bone_transforms.size(); ++b) {
+    const Vector<3> x = transform_point(inverse<4>(bone_transforms[b]).value_or(not_a_matrix<4>()), posed);
+    Vector<3> along, from, apart;
+    for (int i = 0; i < 3; ++i) along[i] = segments[b].to[i] - segments[b].from[i], from[i] = x[i] - segments[b].from[i];
+    const double size = dot<3>(along, along), t = size > 0 ? std::clamp(dot<3>(from, along) / size, 0.0, 1.0) : 0;
+    for (int i = 0; i < 3; ++i) apart[i] = from[i] - t * along[i];
+    order.emplace_back(dot<3>(apart, apart), b);
+    starts.push_back(x);
+  }
+  if (rank >= order.size()) return {NAN, NAN, NAN};
+  std::sort(order.begin(), order.end());
+  return starts[order[rank].second];
+}
+
 std::optional<Vector<3>> interpolate_correspondence(const Vector<3>& posed, const CorrespondenceNodes& nodes) {
   std::array<std::size_t, 3> corner{};
   Vector<3> part{};

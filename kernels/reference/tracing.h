@@ -48,6 +48,13 @@ struct Correspondence {
 // x̂ = T⁻¹ x̄ with the skinning weights of the nearest posed vertex. `posed` is without the global translation.
 Correspondence template_correspondence(const Vector<3>& posed, const PosedTemplate& posed_template);
 
+// x̂ = B_j⁻¹ x̄ of the bone j that is the rank-th nearest (from 0) to the posed point, where B_j⁻¹ x̄ lies nearest to the bone's
+// segment in canonical space; of equally near ones the lower index comes first. NaN where no bone has that rank.
+struct BoneSegment {
+  Vector<3> from{}, to{};  // canonical, metres
+};
+Vector<3> bone_start(const Vector<3>& posed, std::span<const Matrix<4>> bone_transforms, std::span<const BoneSegment> segments, std::size_t rank);
+
 // Canonical correspondences of a box of posed nodes: node (x, y, z) lies at origin + cell (x, y, z) and is number
 // (z nodes[1] + y) nodes[0] + x.
 struct CorrespondenceNodes {

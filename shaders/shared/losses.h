@@ -42,10 +42,22 @@ struct ParameterNormConstants {
   uint slot;
 };
 
+struct MaskLossConstants {
+  uint rays;
+  float inverse_normaliser;  // 1 / N
+  float weight;
+  float alpha;
+  uint stride;  // texels of 4 floats, of the sdf
+  uint column;
+  uint d_stride;  // texels, of its gradient
+  uint d_column;
+};
+
 #ifdef __cplusplus
 static_assert(sizeof(ImageLossConstants) == 16);
 static_assert(sizeof(EikonalConstants) == 32);
 static_assert(sizeof(SdfPenaltyConstants) == 28);
+static_assert(sizeof(MaskLossConstants) == 32);
 }  // namespace arah::shared
 #endif
 #endif

@@ -38,8 +38,16 @@ struct SurfaceSamplesConstants {
   uint without_surface;
 };
 
+struct LeastDistanceConstants {
+  uint rays;
+  uint samples;  // of each ray
+  uint stride;   // texels of 4 floats, of the sdf
+  uint column;
+};
+
 #ifdef __cplusplus
 static_assert(sizeof(OutsideShellConstants) == 36);
+static_assert(sizeof(LeastDistanceConstants) == 16);
 static_assert(sizeof(ShellSamplesConstants) == 36);
 static_assert(sizeof(SurfaceSamplesConstants) == 52);
 }  // namespace arah::shared

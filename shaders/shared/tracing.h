@@ -15,6 +15,17 @@ struct NearestVertexConstants {
   uvec3 cells;  // along each axis
 };
 
+struct BoneStartConstants {
+  uint row_limit;
+  uint rank;  // 0: of the nearest bone
+};
+
+struct KeepRootConstants {
+  uint row_limit;
+  uint sdf_stride;  // texels
+  uint sdf_column;
+};
+
 struct InterpolateConstants {
   uint points;
   vec3 origin;  // of the grid's first node, posed space, metres
@@ -84,6 +95,8 @@ struct SearchCounts {
 
 #ifdef __cplusplus
 static_assert(sizeof(NearestVertexConstants) == 32);
+static_assert(sizeof(BoneStartConstants) == 8);
+static_assert(sizeof(KeepRootConstants) == 12);
 static_assert(sizeof(InterpolateConstants) == 36);
 static_assert(sizeof(InterpolateDistancesConstants) == 32);
 static_assert(sizeof(NormaliseInputsConstants) == 12);

@@ -1,7 +1,7 @@
 // The implicit function theorem at the roots u = (x, d) of the joint search: one invocation turns one ray's dL/du into the
 // cotangents on f_metric(x) and LBS(x) there, (sdf, skinned) = -J^-T dL/du with J = [[grad f_metric, 0], [dLBS/dx, -v]]
 // (kernels/reference/implicit.h; paper, appendix "Implicit Gradients"). 0 for rays without a root and where J has no
-// inverse (a ray that grazes the surface); the latter are counted.
+// inverse (a ray that grazes the surface); the latter are counted. All but the rays is by row; BY_ROW: so are these.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -12,6 +12,7 @@
 #include "shared/skinning.h"
 
 layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint BY_ROW = 1u;  // 0: row r is of ray `of_row[r]`
 layout(binding = 0, rgba32f) uniform readonly imageBuffer jacobians;      // three texels a ray
 layout(binding = 1, rgba32f) uniform readonly imageBuffer sdf_gradients;  // df/dn per cube unit = df_metric/dx
 layout(binding = 2, rgba32f) uniform readonly imageBuffer rays;           // two texels a ray; the second: direction
@@ -21,11 +22,13 @@ layout(binding = 5, scalar) restrict writeonly buffer Cotangents { vec4 cotangen
 layout(binding = 6, scalar) restrict writeonly buffer SdfCotangents { vec4 sdf_cotangents[]; };
 layout(binding = 7, scalar) restrict buffer SingularCount { uint singular_count; };
 layout(binding = 8, scalar) restrict readonly buffer Frame { FrameConstants frame; };
+layout(binding = 9, scalar) restrict readonly buffer OfRow { uint of_row[]; };
 layout(push_constant, scalar) uniform Constants { ImplicitJointConstants constants; };
 
 void main() {
   const int ray = int(gl_GlobalInvocationID.x);
-  const vec3 direction = imageLoad(rays, 2 * ray + 1).xyz;
+  const int in_list = BY_ROW != 0u ? ray : int(of_row[ray]);
+  const vec3 direction = imageLoad(rays, 2 * in_list + 1).xyz;
   const vec3 normal = imageLoad(sdf_gradients, ray * int(constants.gradient_stride) + int(constants.gradient_column)).xyz;
   mat4 transposed;  // its columns are the rows of J
   transposed[0] = vec4(normal, 0.0);

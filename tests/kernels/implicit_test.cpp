@@ -211,6 +211,20 @@ TEST_F(Implicit, JointCotangentsAndTheirExceptions) {
   EXPECT_EQ(on_sdf[0], 7);  // beside its columns nothing is written
   for (uint64_t row = count; row < padded; ++row) EXPECT_EQ(on_sdf[row * stride + 8], 0) << row;
   EXPECT_EQ(device.download<uint32_t>(total.slice())[0], 5 + singular);
+
+  // Rays of a longer list, in another order: the same to the last bit.
+  std::vector<Ray> list(3 * count);
+  std::vector<uint32_t> of_row(padded, 0);
+  for (uint32_t r = 0; r < count; ++r) {
+    of_row[r] = 3 * (count - 1 - r) + 1;
+    list[of_row[r]] = rays[r];
+  }
+  Buffer longer = filled("more rays", list), numbers = filled("rays of rows", of_row), again = empty("cotangents", padded * 16), sdf_again = filled("sdf", std::vector<float>(padded * stride, 7));
+  record_implicit_joint_cotangent(commands, {count, frame.slice(), longer.slice(), {gradients.slice(), stride, 8}, j.slice(), above.slice(), canonical.slice(), again.slice(),
+                                             {sdf_again.slice(), stride, 8}, total.slice(), numbers.slice(), static_cast<uint32_t>(list.size())});
+  commands.submit_and_wait();
+  EXPECT_EQ(device.download<float>(again.slice()), device.download<float>(cotangents.slice()));
+  EXPECT_EQ(device.download<float>(sdf_again.slice()), on_sdf);
 }
 
 }  // namespace

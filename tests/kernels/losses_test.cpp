@@ -5,6 +5,7 @@
 
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
+#include "kernels/losses/mask.h"
 #include "kernels/losses/sdf_penalty.h"
 #include "kernels/reduction/sum.h"
 #include "tests/golden.h"
@@ -76,6 +77,21 @@ class Losses : public DeviceTest {
                                   partials.slice()});
     commands.submit_and_wait();
     return {added(3), 0, gradient(d, points, 16, 8, 1, 8)};
+  }
+
+  // with_distance: which rays have one.
+  Outcome mask(const std::vector<double>& sdf, const std::vector<float>& masks, const std::vector<bool>& with_distance, float normaliser, float weight, float alpha, const std::vector<float>& weights) {
+    SetUp();
+    const uint32_t rays = static_cast<uint32_t>(sdf.size());
+    std::vector<float> rows(16 * rays, NAN), points(4 * rays, 1.0F);
+    for (size_t i = 0; i < rays; ++i) rows[16 * i + 8] = static_cast<float>(sdf[i]), points[4 * i + 3] = with_distance[i] ? 1.0F : 0.0F;
+    Buffer f = filled("sdf", rows), p = filled("points", points), m = filled("masks", masks), d = filled("d sdf", std::vector<float>(16 * padded_points(rays), NAN)),
+           partials = empty("partials", std::max<uint64_t>(partial_bytes(rays, 2), 256)), w = filled("ray weights", weights.empty() ? std::vector<float>(1, NAN) : weights);
+    record_mask_loss(commands, {rays, normaliser, weight, alpha, {f.slice(), 16, 8}, p.slice(), m.slice(), {d.slice(), 16, 8}, 8, slots.slice(), 3, partials.slice(), weights.empty() ? BufferSlice{} : w.slice()});
+    commands.submit_and_wait();
+    EXPECT_EQ(added(2), 0);
+    EXPECT_EQ(added(5), 0);
+    return {added(3), added(4), gradient(d, rays, 16, 8, 1, 8)};
   }
 
  private:
@@ -198,6 +214,38 @@ TEST_F(Losses, PenaltiesOfTheSdfFollowTheReference) {
     for (double& x : expected) x *= 5;
     golden::expect_close("d inside of " + std::to_string(points), actual.gradient, expected, 3e-6 * largest(expected));
   }
+}
+
+TEST_F(Losses, OfTheMaskFollowsTheReference) {
+  for (const uint32_t rays : {1u, 63u, 65u, 1000u}) {
+    for (const bool weighted : {false, true}) {
+      std::vector<double> sdf;
+      for (const float f : uniform(rays, -0.1, 0.3)) sdf.push_back(f);
+      std::vector<float> masks = uniform(rays, 0, 1);
+      const std::vector<float> weights = uniform(rays, 0.1, 2);
+      std::vector<bool> with_distance(rays, true);
+      std::vector<double> in_loss, in_masks, in_weights;
+      for (uint32_t i = 0; i < rays; ++i) {
+        if (i % 3) masks[i] = i % 3 == 1 ? 1.0F : 0.0F;
+        if (i % 17 == 5) sdf[i] = 1e4;
+        if (i % 17 == 6) sdf[i] = -1e4;
+        if (i % 7 == 4) with_distance[i] = false;
+        if (!with_distance[i]) continue;
+        in_loss.push_back(sdf[i]);
+        in_masks.push_back(masks[i]);
+        in_weights.push_back(weights[i]);
+      }
+      const auto truth = reference::mask_loss(in_loss, in_masks, 40, 77, weighted ? in_weights : std::vector<double>{});
+      std::vector<double> expected;
+      for (uint32_t i = 0, of_loss = 0; i < rays; ++i) expected.push_back(with_distance[i] ? 3000 * truth.gradient[of_loss++] : 0);
+      const Outcome actual = mask(sdf, masks, with_distance, 77, 3000, 40, weighted ? weights : std::vector<float>{});
+      EXPECT_NEAR(actual.value, truth.value, 1e-6 * std::max(1.0, truth.value));
+      // f s - L is a difference of the loss's own size.
+      EXPECT_NEAR(actual.second, truth.d_alpha, 1e-6 * std::max(1.0, truth.value / 40));
+      golden::expect_close("d mask of " + std::to_string(rays), actual.gradient, expected, 2e-6 * largest(expected));
+    }
+  }
+  EXPECT_TRUE(std::isnan(mask({NAN}, {1}, {true}, 1, 1, 50, {}).gradient[0])) << "it must reach the optimiser's guard";
 }
 
 TEST_F(Losses, Golden09) {

@@ -6,6 +6,7 @@
 
 #include "kernels/linear/matrix.h"
 #include "kernels/reference/random.h"
+#include "kernels/sampling/least_distance.h"
 #include "kernels/sampling/shell_samples.h"
 #include "kernels/sampling/surface_samples.h"
 #include "shaders/shared/ray.h"
@@ -160,6 +161,37 @@ TEST_F(Sampling, SurfaceSamplesFollowTheReference) {
       }
     }
   }
+}
+
+TEST_F(Sampling, TheLeastDistanceOfARayIsFound) {
+  for (const auto& [rays, samples] : {std::pair{1u, 1u}, {65u, 100u}, {130u, 7u}}) {
+    const uint32_t rows = rays * samples, stride = 16;
+    std::vector<float> sdf(size_t(rows) * stride, -5.0F), points = uniform(4 * rows), f = uniform(rows);
+    for (uint32_t row = 0; row < rows; ++row) {
+      if (row % 11 == 3) f[row] = -0.5F;  // the first of several is taken
+      sdf[size_t(row) * stride + 8] = f[row];
+      const uint32_t ray = row / samples;
+      points[4 * row + 3] = ray % 9 == 5 ? 0.0F : row % 3 == 0 ? 1.0F : row % 3 == 1 ? 0.0F : -1.0F;  // found, none, empty
+    }
+    Buffer d = filled("sdf", sdf), p = filled("points", points), least = filled("least", std::vector<float>(4 * padded_points(rays), 7));
+    record_least_distance(commands, {rays, samples, {d.slice(), stride, 8}, p.slice(), least.slice()});
+    commands.submit_and_wait();
+    const auto found = device.download<float>(least.slice());
+    for (uint32_t ray = 0; ray < padded_points(rays); ++ray) {
+      std::vector<double> along;
+      std::vector<uint8_t> counts;
+      for (uint32_t k = 0; k < samples && ray < rays; ++k) along.push_back(f[ray * samples + k]), counts.push_back(points[4 * (ray * samples + k) + 3] > 0);
+      const int truth = reference::least_distance(along, counts);
+      const size_t row = truth < 0 ? 0 : ray * samples + static_cast<uint32_t>(truth);
+      for (size_t c = 0; c < 3; ++c) ASSERT_EQ(found[4 * ray + c], truth < 0 ? 0 : points[4 * row + c]) << ray;
+      ASSERT_EQ(found[4 * ray + 3], truth < 0 ? 0 : 1) << ray;
+    }
+  }
+  // A distance that is no number must reach the optimiser's guard.
+  Buffer d = filled("sdf", std::vector<float>{1, 0, 0, 0, NAN, 0, 0, 0, -1, 0, 0, 0}), p = filled("points", std::vector<float>{1, 1, 1, 1, 2, 2, 2, 1, 3, 3, 3, 1}), least = empty("least", 64 * 16);
+  record_least_distance(commands, {1, 3, {d.slice(), 4, 0}, p.slice(), least.slice()});
+  commands.submit_and_wait();
+  EXPECT_EQ(device.download<float>(least.slice())[0], 2);
 }
 
 TEST_F(Sampling, SurfaceSamplesThatDoNotFitAreRefused) {

@@ -174,6 +174,20 @@ TEST(CanonicalPose, BonesLeaveACanonicalBodyInItsRestPose) {
   }
 }
 
+TEST(CanonicalPose, BonesReachToTheMiddleOfTheirChildren) {
+  Skeleton skeleton;
+  skeleton.names = {"root", "left", "right", "hand"};
+  skeleton.parents = {-1, 0, 0, 1};
+  skeleton.rest_joints = {{0, 1, 0}, {1, 2, 0}, {-1, 4, 1}, {2, 2, 0}};
+  CanonicalPose canonical{std::vector<glm::dmat4>(4, glm::dmat4(1.0))};
+  canonical.rest_to_canonical[3][3] = glm::dvec4(0, 0, 5, 1);  // moved by 5 m
+  const auto segments = bone_segments(skeleton, canonical);
+  ASSERT_EQ(segments.size(), 4u);
+  EXPECT_EQ(segments[0], std::pair(glm::dvec3(0, 1, 0), glm::dvec3(0, 3, 0.5)));
+  EXPECT_EQ(segments[1], std::pair(glm::dvec3(1, 2, 0), glm::dvec3(2, 2, 5)));
+  for (const size_t last : {2u, 3u}) EXPECT_EQ(segments[last].first, segments[last].second);
+}
+
 TEST(CubeNormalization, PadsByFivePercentAndInverts) {
   for (double size : {1e-3, 1.0, 1e3}) {
     const std::vector<glm::dvec3> vertices = {size * glm::dvec3(1.0, 2.0, 3.0), size * glm::dvec3(1.2, 3.9, 3.1)};

@@ -10,11 +10,11 @@ namespace {
 
 class SamplingModes : public DeviceTest {
  protected:
-  Picture render(const Avatar& avatar, SamplingMode mode, bool normals = false) {
+  Picture render(const Avatar& avatar, SamplingMode mode, bool normals = false, uint32_t samples = 64) {
     RenderSettings settings;
     settings.sampling.emplace();
     settings.sampling->mode = mode;
-    settings.sampling->samples = 64;
+    settings.sampling->samples = samples;
     settings.normals = normals;
     Renderer renderer(device, avatar, settings);
     return renderer.render(capsule_camera(45, 53), bent_pose(avatar.body.skeleton), 0);
@@ -61,6 +61,15 @@ TEST_F(SamplingModes, ShowTheSameBody) {
     EXPECT_LT(glm::length(n), 1.01f) << i;
     EXPECT_GT(n.z, -0.2f) << i;
   }
+
+  // Evenly over the box the same body is seen, the better the more samples.
+  const Agreement coarse = compare("network, shell and 64 evenly", shell, render(avatar, SamplingMode::uniform));
+  EXPECT_GT(coarse.overlap, 0.98);
+  EXPECT_LT(coarse.depth, 0.004);
+  const Agreement fine = compare("network, shell and 1,024 evenly", shell, render(avatar, SamplingMode::uniform, false, 1024));
+  EXPECT_GT(fine.overlap, 0.98);
+  EXPECT_LT(fine.depth, 0.001);
+  EXPECT_LT(fine.depth, coarse.depth);
 
   // The template's own weights in the network's place move the body almost alike.
   AvatarSpec spec = avatar.spec;
@@ -151,6 +160,17 @@ TEST_F(SamplingModes, FollowHowTheAvatarWasTrained) {
   avatar.settings = settings_to_json(preset_settings("paper"));
   EXPECT_EQ(picture_sampling(avatar).mode, SamplingMode::surface);
   EXPECT_EQ(picture_sampling(avatar).samples, 64u);
+  TrainingSettings trained = preset_settings("tiny");
+  trained.sampling.mode = SamplingMode::uniform;
+  avatar.settings = settings_to_json(trained);
+  EXPECT_EQ(picture_sampling(avatar).mode, SamplingMode::uniform);
+  EXPECT_EQ(picture_sampling(avatar).samples, 64u);
+  trained.rendering = Rendering::surface;
+  avatar.settings = settings_to_json(trained);
+  EXPECT_EQ(picture_sampling(avatar).mode, SamplingMode::surface_only) << "whatever sampling_mode says";
+  EXPECT_EQ(picture_sampling(avatar).samples, 1u);
+  EXPECT_EQ(picture_sampling(avatar).surface, SurfaceSource::search);
+  for (const std::string& preset : render_presets()) EXPECT_EQ(render_preset(avatar, preset).sampling->mode, SamplingMode::surface_only) << preset;
 }
 
 TEST_F(SamplingModes, ShowABodyThatNeverMoves) {

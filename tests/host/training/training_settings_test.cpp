@@ -30,6 +30,9 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   fill_with_new_values(object, next);
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
+  object["root_initialisations"] = 1;  // with a grid
+  object["rendering"] = "surface";
+  object["mask_samples"] = 99;  // at most 1024
   object["ray_importance"] = 0.75;  // a share
   object["pose_noise_probability"] = 0.25;
   object["frames_per_step"] = 3;  // at most 8
@@ -43,6 +46,9 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   EXPECT_EQ(settings.rays, object["rays"]);
   EXPECT_EQ(settings.sdf.warm_up, object["sdf"]["warm_up"]);
   EXPECT_EQ(settings.sampling.root.tolerance, object["root_tolerance"]);
+  object["root_initialisations"] = 3;
+  object["root_correspondence"] = "search";
+  EXPECT_EQ(json::parse(settings_to_json(settings_from_json(object.dump(), "config.json"))), object);
 }
 
 TEST(TrainingSettingsTest, EveryPresetReadsBackAsWritten) {
@@ -86,6 +92,16 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   expect_refused(with("/preset", 3), "preset");
   expect_refused(with("/sdf", 1e-4), "sdf");
   expect_refused(with("/sampling_mode", "anywhere"), "sampling_mode");
+  expect_refused(with("/sampling_mode", "surface_only"), "sampling_mode");  // that is `rendering`
+  expect_refused(with("/rendering", "points"), "rendering");
+  for (const int samples : {0, 1025}) expect_refused(with("/mask_samples", samples), "mask_samples");
+  for (const double alpha : {0.0, -1.0}) expect_refused(with("/mask_alpha", alpha), "mask_alpha");
+  expect_refused(with("/mask_weight", -1), "mask_weight");
+  for (const int starts : {0, 9}) expect_refused(with("/root_initialisations", starts), "root_initialisations");
+  json of_nodes = with("/root_initialisations", 3);
+  of_nodes["root_correspondence"] = "grid_alone";
+  expect_refused(of_nodes, "root_initialisations");
+  expect_refused(with("/mask_alpha_rate", -1), "mask_alpha_rate");
   for (const char* field : {"seed", "skinning_every", "grid"}) {
     json shorter = whole;
     shorter.erase(field);

@@ -104,6 +104,25 @@ TEST(Losses, GradientsAgreeWithDifferences) {
 }
 
 // Twice a ray's weight is that ray twice.
+TEST(Losses, MaskTermAgreesWithDifferencesInDistanceAndAlpha) {
+  std::vector<double> sdf = random_numbers(40, -0.1, 0.1, 61), mask = random_numbers(40, 0, 1, 62), weights = random_numbers(40, 0.2, 2, 63), alpha{37};
+  for (std::size_t i = 0; i < 20; ++i) mask[i] = i % 2 ? 1.0 : 0.0;
+  const auto loss = [&] { return mask_loss(sdf, mask, alpha[0], 23, weights).value; };
+  const MaskLoss at = mask_loss(sdf, mask, alpha[0], 23, weights);
+  expect_gradient("mask term, distances", loss, sdf, at.gradient);
+  expect_gradient("mask term, alpha", loss, alpha, std::vector<double>{at.d_alpha}, 1e-2);
+  EXPECT_LT(at.d_alpha, 0) << "it falls as alpha grows";
+
+  // Far out of the person's mask, or deep inside it, there is nothing to learn; on the wrong side the slope is ± 1 and the value
+  // the distance, without overflow.
+  const std::vector<double> far{1e3, -1e3, 1e3, -1e3}, masks{0, 1, 1, 0};
+  const MaskLoss ends = mask_loss(far, masks, 50, 1);
+  EXPECT_EQ(ends.gradient, (std::vector<double>{0, 0, 1, -1}));
+  EXPECT_DOUBLE_EQ(ends.value, 2e3);
+  // On the surface: ln 2 / alpha.
+  EXPECT_NEAR(mask_loss(std::vector<double>{0.0}, std::vector<double>{1.0}, 50, 1).value, std::log(2.0) / 50, 1e-15);
+}
+
 TEST(Losses, ARaysWeightCountsItSoOften) {
   const std::vector<Rgb> rendered{{0.1, 0.5, 0.9}, {0.4, 0.4, 0.2}}, photograph{{0.3, 0.3, 0.3}, {0.9, 0.1, 0.2}};
   const std::vector<std::uint8_t> mask{1, 1, 1};
