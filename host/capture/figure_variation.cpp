@@ -9,8 +9,8 @@ namespace arah {
 namespace {
 
 // Of the average build (figure_anatomy.cpp).
-constexpr double kShoulder = 0.18, kWrist = 0.68;            // from the middle
-constexpr double kAnkle = 0.085, kHip = 0.875, kNeck = 1.44;  // above the ground
+constexpr double kAverageShoulder = 0.18, kAverageWrist = 0.68;            // from the middle
+constexpr double kAverageAnkle = 0.085, kAverageHip = 0.875, kAverageNeck = 1.44;  // above the ground
 
 // x moved by (factor − 1) times how far it is on from `from`, at most to `to`; and the other way.
 double stretched(double x, double from, double to, double factor) {
@@ -25,16 +25,16 @@ double relaxed(double x, double from, double to, double factor) {
 
 glm::dvec3 Stretch::from_average(const glm::dvec3& p) const {
   if (none()) return p;
-  const double x = std::copysign(stretched(std::abs(p.x), kShoulder, kWrist, arm_), p.x);
+  const double x = std::copysign(stretched(std::abs(p.x), kAverageShoulder, kAverageWrist, arm_), p.x);
   // The upper piece first: the lower one then moves it as a whole.
-  const double y = stretched(stretched(p.y, kHip, kNeck, trunk_), kAnkle, kHip, leg_);
+  const double y = stretched(stretched(p.y, kAverageHip, kAverageNeck, trunk_), kAverageAnkle, kAverageHip, leg_);
   return {x, y, p.z};
 }
 
 glm::dvec3 Stretch::to_average(const glm::dvec3& p) const {
   if (none()) return p;
-  const double x = std::copysign(relaxed(std::abs(p.x), kShoulder, kWrist, arm_), p.x);
-  const double y = relaxed(relaxed(p.y, kAnkle, kHip, leg_), kHip, kNeck, trunk_);
+  const double x = std::copysign(relaxed(std::abs(p.x), kAverageShoulder, kAverageWrist, arm_), p.x);
+  const double y = relaxed(relaxed(p.y, kAverageAnkle, kAverageHip, leg_), kAverageHip, kAverageNeck, trunk_);
   return {x, y, p.z};
 }
 
