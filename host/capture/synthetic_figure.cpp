@@ -44,7 +44,7 @@ double hair_inside(const glm::dvec3& p, const Wardrobe& = {}) {
 using Inside = double (*)(const glm::dvec3&, const Wardrobe&);
 
 struct Garment {
-  Layer layer;
+  FigureLayer layer;
   bool Muscle::*worn_by;  // which muscles it wraps
   double blend_factor;    // cloth spans hollows that skin follows
   Inside inside;
@@ -53,7 +53,7 @@ struct Garment {
 };
 
 const Garment kGarments[] = {
-    {Layer::kShirt, &Muscle::shirt, 1.6, shirt_inside,
+    {FigureLayer::kShirt, &Muscle::shirt, 1.6, shirt_inside,
      [](const glm::dvec3& p) {
        return 0.013 + 0.016 * ramp(1.15, 0.85, p.y) + 0.007 * ramp(0.22, 0.34, std::abs(p.x));
      },
@@ -61,12 +61,12 @@ const Garment kGarments[] = {
        return std::max(0.12 + 0.88 * ramp(1.25, 0.86, p.y), 0.7 * ramp(0.2, 0.34, std::abs(p.x))) *
               ramp(0.0, 0.06, 1.47 - p.y);
      }},
-    {Layer::kShorts, &Muscle::shorts, 1.2, shorts_inside,
+    {FigureLayer::kShorts, &Muscle::shorts, 1.2, shorts_inside,
      [](const glm::dvec3& p) { return 0.010 + 0.020 * ramp(0.85, 0.52, p.y); },
      [](const glm::dvec3& p) { return 0.05 + 0.8 * ramp(0.85, 0.52, p.y); }},
-    {Layer::kShoes, &Muscle::shoe, 1.0, shoe_inside, [](const glm::dvec3&) { return 0.009; },
+    {FigureLayer::kShoes, &Muscle::shoe, 1.0, shoe_inside, [](const glm::dvec3&) { return 0.009; },
      [](const glm::dvec3&) { return 0.0; }},
-    {Layer::kHair, &Muscle::hair, 1.0, hair_inside,
+    {FigureLayer::kHair, &Muscle::hair, 1.0, hair_inside,
      [](const glm::dvec3& p) { return 0.004 + 0.014 * ramp(0.0, 0.035, hair_inside(p)); },
      [](const glm::dvec3&) { return 0.0; }},
 };
@@ -82,7 +82,7 @@ struct Sheet {
 };
 
 // Appends a sheet of one layer to the figure's surface.
-void append(ClothedFigure& figure, const Sheet& sheet, Layer layer) {
+void append(ClothedFigure& figure, const Sheet& sheet, FigureLayer layer) {
   const auto base = static_cast<std::uint32_t>(figure.rest.size());
   for (std::size_t i = 0; i < sheet.vertices.size(); ++i) {
     figure.rest.emplace_back(sheet.vertices[i]);
@@ -177,7 +177,7 @@ double under_shirt(const glm::dvec3& p, const Wardrobe& clothes) {
 Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTemplate& body, const NearestWeights& near,
                    double height, const Stretch& stretch, const Wardrobe& clothes) {
   const auto average = [&](const glm::dvec3& p) { return stretch.to_average(p / height); };
-  const double standing_off = height * (garment.layer == Layer::kHair ? 1.0 : clothes.looseness);
+  const double standing_off = height * (garment.layer == FigureLayer::kHair ? 1.0 : clothes.looseness);
   std::vector<Muscle> worn;
   for (const Muscle& muscle : anatomy.muscles)
     if (muscle.*garment.worn_by) worn.push_back(muscle);
@@ -208,7 +208,7 @@ Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTem
     weights.push_back(std::move(blended));
     const glm::dvec3 place = average(sheet.vertices.back());
     sheet.looseness.push_back(static_cast<float>(garment.looseness(place)));
-    sheet.under_cloth.push_back(garment.layer == Layer::kShorts && under_shirt(place, clothes) > 0 ? 1 : 0);
+    sheet.under_cloth.push_back(garment.layer == FigureLayer::kShorts && under_shirt(place, clothes) > 0 ? 1 : 0);
   }
   keep_four(weights, sheet.joints, sheet.weights);
   sheet.triangles = cut.triangles;
@@ -288,18 +288,18 @@ std::vector<double> rig_garment_inside(const BodyTemplate& rig, double low, doub
 
 }  // namespace
 
-int ground_truth_part(Layer layer) {
+int ground_truth_part(FigureLayer layer) {
   switch (layer) {
-    case Layer::kShirt:
-    case Layer::kShorts:
-    case Layer::kRigGarment:
+    case FigureLayer::kShirt:
+    case FigureLayer::kShorts:
+    case FigureLayer::kRigGarment:
       return 1;
-    case Layer::kShoes:
+    case FigureLayer::kShoes:
       return 2;
-    case Layer::kHair:
+    case FigureLayer::kHair:
       return 3;
-    case Layer::kSkin:
-    case Layer::kRigBody:
+    case FigureLayer::kSkin:
+    case FigureLayer::kRigBody:
       break;
   }
   return 0;
@@ -332,13 +332,13 @@ ClothedFigure make_clothed_figure(std::uint64_t seed, const FigureVariation& var
   }
   std::erase_if(skin.triangles, [&](const glm::uvec3& t) { return covered[t.x] && covered[t.y] && covered[t.z]; });
   compact(skin);
-  append(figure, skin, Layer::kSkin);
+  append(figure, skin, FigureLayer::kSkin);
 
   const NearestWeights near(figure.body);
   for (const Garment& garment : kGarments) {
-    const bool worn = garment.layer == Layer::kShirt    ? clothes.shirt
-                      : garment.layer == Layer::kShorts ? clothes.shorts
-                      : garment.layer == Layer::kShoes  ? clothes.shoes
+    const bool worn = garment.layer == FigureLayer::kShirt    ? clothes.shirt
+                      : garment.layer == FigureLayer::kShorts ? clothes.shorts
+                      : garment.layer == FigureLayer::kShoes  ? clothes.shoes
                                                         : true;
     if (worn) append(figure, make_garment(garment, anatomy, figure.body, near, height, figure.stretch, clothes), garment.layer);
   }
@@ -386,8 +386,8 @@ ClothedFigure dress_rig(BodyTemplate rig) {
     garment.looseness.push_back(static_cast<float>(0.15 + 0.65 * ramp(0.4, 0.0, hem)));
   }
   garment.triangles = cut.triangles;
-  append(figure, body, Layer::kRigBody);
-  append(figure, garment, Layer::kRigGarment);
+  append(figure, body, FigureLayer::kRigBody);
+  append(figure, garment, FigureLayer::kRigGarment);
   figure.body = std::move(rig);
   add_folds(figure);
   return figure;
@@ -395,7 +395,7 @@ ClothedFigure dress_rig(BodyTemplate rig) {
 
 ClothedFigure undressed_rig(BodyTemplate rig) {
   ClothedFigure figure;
-  append(figure, body_sheet(rig), Layer::kRigBody);
+  append(figure, body_sheet(rig), FigureLayer::kRigBody);
   figure.body = std::move(rig);
   add_folds(figure);
   return figure;

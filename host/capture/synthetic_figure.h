@@ -14,10 +14,10 @@
 namespace arah {
 
 // What a piece of the rendered surface is made of.
-enum class Layer : std::uint8_t { kSkin, kShirt, kShorts, kShoes, kHair, kRigBody, kRigGarment };
+enum class FigureLayer : std::uint8_t { kSkin, kShirt, kShorts, kShoes, kHair, kRigBody, kRigGarment };
 
 // The `part` number of a layer in a ground-truth mesh: 0 skin, 1 garment, 2 shoes, 3 hair.
-int ground_truth_part(Layer layer);
+int ground_truth_part(FigureLayer layer);
 
 // One way that a vertex of a garment folds: rings about a bone, driven by how far a joint is bent.
 struct Fold {
@@ -38,7 +38,7 @@ struct ClothedFigure {
 
   std::vector<glm::vec3> rest;
   std::vector<glm::vec3> normals;
-  std::vector<Layer> layers;
+  std::vector<FigureLayer> layers;
   std::vector<glm::vec3> tint;  // colour of the rig's part, white for the built-in figure
   std::vector<glm::u8vec4> joints;
   std::vector<glm::vec4> weights;

@@ -24,6 +24,10 @@ void add_memory_option(CLI::App& command, DeviceOptions& device);
 // for anything else.
 uint64_t memory_size(const std::string& text);
 
+// JSON settings with one of them replaced by "NAME=VALUE"; a setting of a group is called "sdf.rate". VALUE is JSON, or
+// else a text. Throws InputError naming --set for what is no assignment or no setting.
+std::string json_with_setting(const std::string& settings, const std::string& assignment);
+
 // "--quality PRESET" and "--set KNOB=VALUE" (host/rendering/render_settings.h).
 struct QualityOptions {
   std::string preset = "paper";

@@ -26,27 +26,6 @@ struct Options {
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
-// The settings with one of them replaced; a setting of a group is called "sdf.rate".
-TrainingSettings with_setting(const TrainingSettings& settings, const std::string& assignment) {
-  const std::size_t equals = assignment.find('=');
-  if (equals == std::string::npos)
-    throw InputError("--set", "", "NAME=VALUE", "'" + assignment + "'", "For instance: --set fit_steps=200");
-  const std::string name = assignment.substr(0, equals), value = assignment.substr(equals + 1);
-  auto json = nlohmann::json::parse(settings_to_json(settings));
-  nlohmann::json* place = &json;
-  for (std::size_t from = 0; from <= name.size();) {
-    const std::size_t to = std::min(name.find('.', from), name.size());
-    const std::string part = name.substr(from, to - from);
-    if (!place->is_object() || !place->contains(part))
-      throw InputError("--set", name, "a setting of config.json", "no such setting");
-    place = &(*place)[part];
-    from = to + 1;
-  }
-  const auto parsed = nlohmann::json::parse(value, nullptr, false);
-  *place = parsed.is_discarded() ? nlohmann::json(value) : parsed;
-  return settings_from_json(json.dump(), "--set");
-}
-
 // What the options ask for: of a new run, or on top of what a run began with.
 RunConfig resolve(const Options& options, const Capture& capture) {
   RunConfig config;
@@ -66,7 +45,7 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.seed) settings.seed = *options.seed;
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
-  for (const std::string& assignment : options.settings) settings = with_setting(settings, assignment);
+  for (const std::string& assignment : options.settings) settings = settings_from_json(json_with_setting(settings_to_json(settings), assignment), "--set");
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
       throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),

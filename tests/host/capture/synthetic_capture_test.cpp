@@ -158,7 +158,7 @@ TEST(SyntheticFigure, TheFiguresOfEarlierVersionsStayAsTheyAre) {
 TEST(SyntheticFigure, VariedFiguresDifferAndAreWholeBodies) {
   std::set<std::uint64_t> hashes;
   std::set<double> heights;
-  std::set<std::set<Layer>> wardrobes;
+  std::set<std::set<FigureLayer>> wardrobes;
   for (std::uint64_t seed = 1; seed <= 8; ++seed) {
     const ClothedFigure figure = make_clothed_figure(0, varied_figure(seed));
     const BodyTemplate& body = figure.body;
@@ -186,7 +186,7 @@ TEST(SyntheticFigure, VariedFiguresDifferAndAreWholeBodies) {
     EXPECT_LT(under, 0.5 * static_cast<double>(figure.rest.size()));
     hashes.insert(FigureHash::of(figure));
     heights.insert(highest);
-    wardrobes.insert(std::set<Layer>(figure.layers.begin(), figure.layers.end()));
+    wardrobes.insert(std::set<FigureLayer>(figure.layers.begin(), figure.layers.end()));
   }
   EXPECT_EQ(hashes.size(), 8u);
   EXPECT_EQ(heights.size(), 8u);
@@ -221,7 +221,7 @@ TEST(SyntheticFigure, ClothesMoveBeyondSkinningAndSkinDoesNot) {
     for (std::size_t i = 0; i < skinned.size(); ++i) {
       const double deviation = static_cast<double>(glm::distance(posed.positions[i], skinned[i]));
       EXPECT_NEAR(glm::length(posed.normals[i]), 1.0f, 1e-4f);
-      if (figure.layers[i] != Layer::kShirt && figure.layers[i] != Layer::kShorts) {
+      if (figure.layers[i] != FigureLayer::kShirt && figure.layers[i] != FigureLayer::kShorts) {
         ASSERT_EQ(deviation, 0.0) << "vertex " << i;
         continue;
       }
@@ -397,7 +397,7 @@ TEST(SyntheticCapture, AnyRigCanBeTheBody) {
               rig == std::string("box") ? box.skeleton.names : standard_figure().body.skeleton.names);
     EXPECT_GE(worst_share_on_figure(capture), 0.98) << rig;
     bool garment = false;
-    for (const Layer layer : dress_rig(capture.body_template).layers) garment = garment || layer == Layer::kRigGarment;
+    for (const FigureLayer layer : dress_rig(capture.body_template).layers) garment = garment || layer == FigureLayer::kRigGarment;
     EXPECT_TRUE(garment) << rig;
   }
 }
