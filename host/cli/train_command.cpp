@@ -22,6 +22,7 @@ struct Options {
   std::optional<int> size;
   std::optional<double> minutes;
   std::optional<uint64_t> steps, seed;
+  std::filesystem::path prior;
   std::vector<std::string> settings;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
 };
@@ -45,6 +46,7 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.seed) settings.seed = *options.seed;
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
+  if (!options.prior.empty()) settings.prior = std::filesystem::absolute(options.prior).lexically_normal().string();
   for (const std::string& assignment : options.settings) settings = settings_from_json(json_with_setting(settings_to_json(settings), assignment), "--set");
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
@@ -96,6 +98,8 @@ void add_train_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
       ->excludes(minutes);
   command->add_option("--seed", options->seed, "of first values, pixels and points (default: 0)");
+  command->add_option("--prior", options->prior, "a file of arah pretrain to start from; the fit to the template then takes prior_fit_steps and prior_fit_skinning_steps")
+      ->check(CLI::ExistingFile);
   command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
