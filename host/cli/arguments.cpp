@@ -61,7 +61,7 @@ std::string json_with_setting(const std::string& settings, const std::string& as
     const std::size_t to = std::min(name.find('.', from), name.size());
     const std::string part = name.substr(from, to - from);
     if (!place->is_object() || !place->contains(part))
-      throw InputError("--set", name, "a setting of config.json", "no such setting");
+      throw InputError("--set", name, "a setting by its name", "no such setting");
     place = &(*place)[part];
     from = to + 1;
   }

@@ -27,12 +27,17 @@ struct PretrainCall {
 BodyFamily make_family(const PretrainCall& call, const PretrainSettings& settings, const Interrupt& interrupt) {
   if (!call.folder.empty()) return family_from_folder(call.folder);
   Progress progress("make bodies", static_cast<double>(settings.bodies), "bodies");
-  BodyFamily family = generated_family(settings.bodies, 1, [&](std::size_t made) {
-    progress.update(static_cast<double>(made));
-    return !interrupt.wanted();
-  });
-  progress.finish();
-  return family;
+  try {
+    BodyFamily family = generated_family(settings.bodies, 1, [&](std::size_t made) {
+      progress.update(static_cast<double>(made));
+      return !interrupt.wanted();
+    });
+    progress.finish();
+    return family;
+  } catch (const std::runtime_error&) {
+    if (interrupt.wanted()) throw std::runtime_error("stopped before the first step; nothing was written");
+    throw;
+  }
 }
 
 int pretrain(const PretrainCall& call) {
@@ -44,6 +49,8 @@ int pretrain(const PretrainCall& call) {
     spec = begun.spec;
     if (call.preset && *call.preset != settings.preset) throw InputError("--preset", "", "the one that the file began with, " + settings.preset, *call.preset);
   } else {
+    const std::filesystem::path parent = std::filesystem::absolute(call.run.out).parent_path();
+    if (!std::filesystem::is_directory(parent)) throw InputError(parent.string(), "", "a folder for the prior's file", "no such folder");
     if (std::filesystem::exists(call.run.out))
       throw InputError(call.run.out.string(), "", "a name that is free", "a file", "Go on with --resume, or choose another name.");
     const std::string preset = call.preset.value_or("tiny");
@@ -74,7 +81,7 @@ int pretrain(const PretrainCall& call) {
     if (event.saved) progress->say(fmt::format("{} written", call.run.out.string()));
     return !interrupt.wanted();
   });
-  if (progress) progress->finish(fmt::format("loss {:.4g}  {}  {}", loss, shaders_text(device), call.run.out.string()));
+  if (progress && finished) progress->finish(fmt::format("loss {:.4g}  {}  {}", loss, shaders_text(device), call.run.out.string()));
   if (call.device.profile) fmt::print("{}", device.profiler().table());
   if (finished) return 0;
   throw std::runtime_error(fmt::format("stopped; {} holds what there is, continue with --resume", call.run.out.string()));

@@ -15,6 +15,8 @@
 #include "host/input_error.h"
 #include "kernels/linear/cooperative.h"
 #include "kernels/linear/linear.h"
+#include "kernels/losses/normal.h"
+#include "kernels/reduction/sum.h"
 #include "kernels/skinning/implicit_joint_cotangent.h"
 #include "shaders/shared/frame.h"
 #include "shaders/shared/ray.h"
@@ -214,6 +216,21 @@ class Bench {
     measure_alone(fmt::format("{} rays", points), [&] {
       record_implicit_joint_cotangent(commands_, {points, frame.slice(), rays.slice(), {gradients.slice(), channel_padding, 0}, jacobians.slice(), vectors.slice(), vectors.slice(),
                                                   cotangents.slice(), {sdf_cotangents.slice(), channel_padding, 0}, singular.slice()});
+    });
+
+    // Of pre-training alone.
+    Buffer partials = filled("partial sums", partial_bytes(points) / 4), losses = filled("losses", 64);
+    measure_alone(fmt::format("{} points", points), [&] {
+      NormalLossArgs args;
+      args.points = points;
+      args.normaliser = static_cast<float>(points);
+      args.weight = 1;
+      args.gradients = {gradients.slice(), channel_padding, 0};
+      args.normals = vectors.slice();
+      args.d_gradients = {sdf_cotangents.slice(), channel_padding, 0};
+      args.losses = losses.slice();
+      args.partials = partials.slice();
+      record_normal_loss(commands_, args);
     });
   }
 
