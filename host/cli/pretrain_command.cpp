@@ -94,7 +94,7 @@ void add_pretrain_command(CLI::App& program, Run& run) {
   CLI::App* command = program.add_subcommand("pretrain", "Learn a prior for shape and skinning from many bodies, for arah train --prior");
   command->add_option("-o,--out", call->run.out, "the prior's file, .safetensors")->required();
   command->add_option("--preset", call->preset, "sizes of the networks and settings: tiny, compact or paper (default: tiny)")->check(CLI::IsMember(preset_names()));
-  CLI::Option* family = command->add_option("--family", call->family, "learn from so many generated people (default: the preset's 12, 24 or 64)")->check(CLI::Range(1, 10000));
+  CLI::Option* family = command->add_option("--family", call->family, "learn from so many generated people (default: the preset's 8, 24 or 64)")->check(CLI::Range(1, 10000));
   command->add_option("--family-folder", call->folder, "learn from the .glb and .gltf bodies of this folder, all with the same joints")->excludes(family);
   command->add_option("--seed", call->seed, "of first values, poses and points (default: 0)");
   command->add_option("--set", call->settings, "NAME=VALUE: any setting, such as sdf.steps=400 or skinning.inner_rate=1e-4; may be repeated")
@@ -106,7 +106,7 @@ void add_pretrain_command(CLI::App& program, Run& run) {
   command->add_flag("--profile", call->device.profile, "time every launch on the device and print the table");
   command->footer(
       "Ctrl-C stops after the current outer step and leaves the file (exit code 1).\n"
-      "Example: arah pretrain -o people.safetensors --family 12 && arah train capture -o run --prior people.safetensors");
+      "Example: arah pretrain -o people.safetensors --family 8 && arah train capture -o run --prior people.safetensors");
   command->callback([call, &run] {
     run = [call] { return pretrain(*call); };
   });

@@ -17,6 +17,7 @@ void visit_reptile_fields(const std::string& name, Settings& s, const Visit& vis
   visit(name, "inner_steps", s.inner_steps);
   visit(name, "inner_rate", s.inner_rate);
   visit(name, "outer_rate", s.outer_rate);
+  visit(name, "end_fraction", s.end_fraction);
 }
 
 template <typename Settings, typename Visit>
@@ -53,13 +54,13 @@ void require_same_fields(const nlohmann::ordered_json& known, const nlohmann::or
 PretrainSettings preset_pretrain_settings(const std::string& preset) {
   PretrainSettings s;
   s.preset = preset;
-  // A prior in minutes: outer steps a hundred times the paper's, of which there are some hundred instead of 20,000.
-  s.sdf = {.steps = 150, .tasks = 3, .inner_steps = 24, .inner_rate = 1e-4, .outer_rate = 1e-3};
-  s.skinning = {.steps = 150, .tasks = 3, .inner_steps = 24, .inner_rate = 1e-3, .outer_rate = 3e-3};
+  // A prior in minutes: a hundred times the paper's outer rates, falling, for some hundred steps instead of 20,000.
+  s.sdf = {.steps = 400, .tasks = 3, .inner_steps = 8, .inner_rate = 1e-4, .outer_rate = 1e-3, .end_fraction = 0.05};
+  s.skinning = {.steps = 200, .tasks = 3, .inner_steps = 8, .inner_rate = 1e-3, .outer_rate = 5e-3, .end_fraction = 0.05};
   if (preset == "tiny") return s;
   if (preset == "compact") {
     s.bodies = 24;
-    s.sdf.steps = s.skinning.steps = 400;
+    s.sdf.steps = s.skinning.steps = 800;
     s.sdf.outer_rate = 5e-4;
     return s;
   }
@@ -69,6 +70,7 @@ PretrainSettings preset_pretrain_settings(const std::string& preset) {
     s.sdf = {.steps = 20000, .tasks = 3, .inner_steps = 24, .inner_rate = 1e-4, .outer_rate = 1e-5};
     s.skinning = {.steps = 100000, .tasks = 4, .inner_steps = 24, .inner_rate = 1e-4, .outer_rate = 1e-5};
     s.surface_points = s.volume_points = 5000;
+    s.skinning_points = 5000;
     return s;
   }
   throw InputError("--preset", "", "tiny, compact or paper", "'" + preset + "'");

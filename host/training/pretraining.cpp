@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <optional>
 #include <random>
 
@@ -74,7 +75,7 @@ struct Pretraining::State {
       if (inner_step == 0) generator = pretrain_generator(settings.seed, stream, reptile.steps(), ++place);
       tasks.draw(task, inner_step, generator);
       tasks.record(commands);
-    });
+    }, rates.end_fraction + (1 - rates.end_fraction) * 0.5 * (1 + std::cos(std::numbers::pi * std::min(1.0, double(reptile.steps()) / double(std::max<uint64_t>(rates.steps, 1))))));
     return tasks.loss() / (double(rates.tasks) * rates.inner_steps);
   }
 

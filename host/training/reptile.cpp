@@ -57,7 +57,7 @@ void Reptile::upload_parameters(const std::vector<std::vector<float>>& values) c
   for (std::size_t g = 0; g < groups_.size(); ++g) device_.upload(parameters_.elements(groups_[g].begin, groups_[g].end - groups_[g].begin), values[g]);
 }
 
-void Reptile::step(std::span<const std::size_t> tasks, const TaskGradients& gradients) {
+void Reptile::step(std::span<const std::size_t> tasks, const TaskGradients& gradients, double outer_factor) {
   if (tasks.empty()) throw std::invalid_argument("reptile: a step without tasks");
   const std::vector<std::vector<float>> start = download_parameters();
   std::vector<std::vector<double>> direction;
@@ -85,7 +85,7 @@ void Reptile::step(std::span<const std::size_t> tasks, const TaskGradients& grad
   ++steps_;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     device_.upload(gradients_.elements(groups_[g].begin, groups_[g].end - groups_[g].begin), std::vector<float>(direction[g].begin(), direction[g].end()));
-    record_update(commands, g, outer_, static_cast<uint32_t>(steps_), groups_[g].outer_rate);
+    record_update(commands, g, outer_, static_cast<uint32_t>(steps_), outer_factor * groups_[g].outer_rate);
   }
   commands.submit_and_wait();
 }

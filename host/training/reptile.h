@@ -31,8 +31,8 @@ class Reptile {
 
   // One outer step: the tasks one after the other, each from the same parameters and with moments of its own at 0; then
   // Adam on the mean of start − end. Throws std::runtime_error naming the group where a task ends in numbers that are not
-  // finite, and leaves the parameters as they were.
-  void step(std::span<const std::size_t> tasks, const TaskGradients& gradients);
+  // finite, and leaves the parameters as they were. outer_factor: on the outer rates of this step.
+  void step(std::span<const std::size_t> tasks, const TaskGradients& gradients, double outer_factor = 1);
 
   uint64_t steps() const { return steps_; }
 
