@@ -57,7 +57,7 @@ struct TrainingSettings {
   double clothing = 0.01;         // metres that the start lies outside the template
   // File of a prior that the fit starts from (prior.h); empty: random first values. With it, its own numbers of steps.
   std::string prior;
-  uint32_t prior_fit_steps = 150, prior_fit_skinning_steps = 300;
+  uint32_t prior_fit_steps = 300, prior_fit_skinning_steps = 500;
 };
 
 // "tiny", "compact" or "paper". Throws InputError naming the presets for another word.
