@@ -50,18 +50,18 @@ void add_memory_option(CLI::App& command, DeviceOptions& device) {
       ->type_name("SIZE");
 }
 
-std::string json_with_setting(const std::string& settings, const std::string& assignment) {
+std::string with_field(const std::string& text, const std::string& assignment, const char* option, const char* example) {
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos)
-    throw InputError("--set", "", "NAME=VALUE", "'" + assignment + "'", "For instance: --set fit_steps=200");
+    throw InputError(option, "", "NAME=VALUE", "'" + assignment + "'", fmt::format("For instance: {} {}", option, example));
   const std::string name = assignment.substr(0, equals), value = assignment.substr(equals + 1);
-  auto json = nlohmann::ordered_json::parse(settings);
+  auto json = nlohmann::ordered_json::parse(text);
   nlohmann::ordered_json* place = &json;
   for (std::size_t from = 0; from <= name.size();) {
     const std::size_t to = std::min(name.find('.', from), name.size());
     const std::string part = name.substr(from, to - from);
     if (!place->is_object() || !place->contains(part))
-      throw InputError("--set", name, "a setting by its name", "no such setting");
+      throw InputError(option, name, "a field by its name", "no such field");
     place = &(*place)[part];
     from = to + 1;
   }

@@ -60,7 +60,7 @@ int pretrain(const PretrainCall& call) {
   if (call.family) settings.bodies = *call.family;
   if (call.seed) settings.seed = *call.seed;
   for (const std::string& assignment : call.settings)
-    settings = pretrain_settings_from_json(json_with_setting(pretrain_settings_to_json(settings), assignment), "--set");
+    settings = pretrain_settings_from_json(with_field(pretrain_settings_to_json(settings), assignment, "--set", "sdf.steps=200"), "--set");
 
   Device device(call.device);
   fmt::print(stderr, "device: {} ({})\n", device.report().name, device.report().driver);

@@ -47,7 +47,7 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
   if (!options.prior.empty()) settings.prior = std::filesystem::absolute(options.prior).lexically_normal().string();
-  for (const std::string& assignment : options.settings) settings = settings_from_json(json_with_setting(settings_to_json(settings), assignment), "--set");
+  for (const std::string& assignment : options.settings) settings = settings_from_json(with_field(settings_to_json(settings), assignment, "--set", "fit_steps=200"), "--set");
   for (const Camera& camera : capture.cameras)
     if (camera.role == "train" && settings.size > camera.width)
       throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),

@@ -219,7 +219,7 @@ class Bench {
     });
 
     // Of pre-training alone.
-    Buffer partials = filled("partial sums", partial_bytes(points) / 4), losses = filled("losses", 64);
+    Buffer normal_partials = filled("partial sums of normals", partial_bytes(points) / 4), normal_losses = filled("losses of normals", 64);
     measure_alone(fmt::format("{} points", points), [&] {
       NormalLossArgs args;
       args.points = points;
@@ -228,8 +228,8 @@ class Bench {
       args.gradients = {gradients.slice(), channel_padding, 0};
       args.normals = vectors.slice();
       args.d_gradients = {sdf_cotangents.slice(), channel_padding, 0};
-      args.losses = losses.slice();
-      args.partials = partials.slice();
+      args.losses = normal_losses.slice();
+      args.partials = normal_partials.slice();
       record_normal_loss(commands_, args);
     });
   }
