@@ -134,10 +134,40 @@ std::vector<Muscle> build_muscles() {
   return std::move(list.muscles);
 }
 
+bool in_an_arm(int joint) {
+  return joint >= kShoulder;
+}
+bool in_a_leg(int joint) {
+  return joint == kHip || joint == kHip + 1 || joint == kKnee || joint == kKnee + 1;
+}
+
+// Of the average build and clothes to `variation`; defaults leave every bit.
+void vary_anatomy(Anatomy& anatomy, const FigureVariation& variation) {
+  const Build& build = variation.build;
+  const Wardrobe& clothes = variation.clothes;
+  const Stretch stretch(build);
+  for (glm::dvec3& joint : anatomy.skeleton.rest_joints) joint = build.height * stretch.from_average(joint);
+  for (Muscle& muscle : anatomy.muscles) {
+    TaperedCapsule& shape = muscle.shape;
+    shape.a = build.height * stretch.from_average(shape.a);
+    shape.b = build.height * stretch.from_average(shape.b);
+    const bool trunk = !in_an_arm(muscle.joint) && !in_a_leg(muscle.joint) && muscle.shirt;
+    const double girth = in_an_arm(muscle.joint)  ? build.arm_girth
+                         : in_a_leg(muscle.joint) ? build.leg_girth
+                         : trunk                  ? build.trunk_girth
+                                                  : 1.0;
+    shape.radius_a *= build.height * girth;
+    shape.radius_b *= build.height * girth;
+    if (clothes.shorts_hem < 0.45 && (muscle.joint == kKnee || muscle.joint == kKnee + 1)) muscle.shorts = true;
+    if (clothes.sleeve_end > 0.40 && (muscle.joint == kElbow || muscle.joint == kElbow + 1)) muscle.shirt = true;
+  }
+}
+
 }  // namespace
 
-Anatomy make_anatomy(std::uint64_t seed) {
+Anatomy make_anatomy(std::uint64_t seed, const FigureVariation& variation) {
   Anatomy anatomy{rest_skeleton(), build_muscles()};
+  vary_anatomy(anatomy, variation);
   if (seed == 0) return anatomy;
   std::mt19937_64 random(seed);
   const auto vary = [&](double range) {

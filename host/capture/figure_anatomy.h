@@ -7,6 +7,7 @@
 
 #include "host/body/body_template.h"
 #include "host/body/skeleton.h"
+#include "host/capture/figure_variation.h"
 #include "host/capture/implicit_surface.h"
 
 namespace arah {
@@ -27,8 +28,8 @@ struct Anatomy {
   std::vector<Muscle> muscles;
 };
 
-// The seed varies height (+-3 %) and girth (+-5 %); seed 0 is the average build.
-Anatomy make_anatomy(std::uint64_t seed);
+// The seed varies height (+-3 %) and girth (+-5 %); seed 0 is the average build. `variation` comes on top.
+Anatomy make_anatomy(std::uint64_t seed, const FigureVariation& variation = {});
 
 // The smooth union of some of the muscles, swollen by `offset` metres; `blend_factor` scales every muscle's blend.
 // At least one must be given.

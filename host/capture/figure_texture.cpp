@@ -195,21 +195,21 @@ Palette make_palette(std::uint64_t seed) {
   return palette;
 }
 
-glm::vec3 surface_color(const Palette& palette, Layer layer, const glm::vec3& rest, const glm::vec3& tint) {
+glm::vec3 surface_color(const Palette& palette, FigureLayer layer, const glm::vec3& rest, const glm::vec3& tint) {
   switch (layer) {
-    case Layer::kShirt:
+    case FigureLayer::kShirt:
       return shirt_color(palette, rest);
-    case Layer::kShorts:
+    case FigureLayer::kShorts:
       return shorts_color(palette, rest);
-    case Layer::kShoes:
+    case FigureLayer::kShoes:
       return shoe_color(palette, rest);
-    case Layer::kHair:
+    case FigureLayer::kHair:
       return hair_color(palette, rest);
-    case Layer::kRigBody:
+    case FigureLayer::kRigBody:
       return rig_color(rest, tint, false, palette);
-    case Layer::kRigGarment:
+    case FigureLayer::kRigGarment:
       return rig_color(rest, tint, true, palette);
-    case Layer::kSkin:
+    case FigureLayer::kSkin:
       break;
   }
   return skin_color(palette, rest);

@@ -21,7 +21,7 @@ Palette make_palette(std::uint64_t seed);
 
 // sRGB colour (0..1) without light of a layer at `rest`: metres divided by the figure's scale, +Y up, +Z forward.
 // `tint` is the figure's colour there and matters for rigs only.
-glm::vec3 surface_color(const Palette& palette, Layer layer, const glm::vec3& rest, const glm::vec3& tint);
+glm::vec3 surface_color(const Palette& palette, FigureLayer layer, const glm::vec3& rest, const glm::vec3& tint);
 
 // The colour under the capture's light: a soft key light from above, the sky from above and the floor from below.
 // `normal` faces the camera, unit length, world.

@@ -43,6 +43,8 @@ void check(const SyntheticSettings& settings) {
   };
   in_range("frames", settings.frames, 1, 10000);
   in_range("size", settings.size, 16, 4096);
+  if (settings.body_seed && !settings.rig.empty())
+    throw InputError("synthetic capture", "body_seed", "0 with a rig: it varies the built-in figure", fmt::format("{}", settings.body_seed));
 }
 
 void check_replaceable(const fs::path& out) {
@@ -139,7 +141,6 @@ void write_ply(const fs::path& path, const ClothedFigure& figure, const PosedSur
 
 RgbaPicture draw(const ClothedFigure& figure, const PosedSurface& surface, const Palette& palette,
                  const Camera& camera) {
-  const float scale = static_cast<float>(figure.scale);
   const auto shade = [&](const SurfaceSample& sample) {
     const glm::uvec3& t = figure.triangles[sample.triangle];
     const glm::vec3& w = sample.barycentric;
@@ -152,7 +153,7 @@ RgbaPicture draw(const ClothedFigure& figure, const PosedSurface& surface, const
         glm::cross(surface.positions[t.y] - surface.positions[t.x], surface.positions[t.z] - surface.positions[t.x]);
     const bool inner_side = glm::dot(face, sample.view_direction) > 0;
     const glm::vec3 color =
-        lit(surface_color(palette, figure.layers[t.x], rest / scale, tint), inner_side ? -normal : normal);
+        lit(surface_color(palette, figure.layers[t.x], figure.average_place(rest), tint), inner_side ? -normal : normal);
     return inner_side ? 0.55f * color : color;  // the inside of a sleeve or a leg gets little light
   };
   return rasterise(camera, surface.positions, figure.triangles, shade);
@@ -200,7 +201,7 @@ struct Scene {
 Scene make_scene(const SyntheticSettings& settings) {
   Scene scene;
   scene.figure =
-      settings.rig.empty() ? make_clothed_figure(settings.seed) : dress_rig(read_body_template(settings.rig));
+      settings.rig.empty() ? make_clothed_figure(settings.seed, varied_figure(settings.body_seed)) : dress_rig(read_body_template(settings.rig));
   scene.palette = make_palette(settings.seed);
   scene.cameras = make_cameras(scene.figure, settings.size, settings.seed);
   int number = 0;
@@ -235,12 +236,13 @@ void write_frame(const fs::path& folder, const Scene& scene, const Job& job, std
 }
 
 void write_marker(const fs::path& path, const SyntheticSettings& settings) {
-  const nlohmann::json marker = {{"generator", "arah synth"},
+  nlohmann::json marker = {{"generator", "arah synth"},
                                  {"frames", settings.frames},
                                  {"size", settings.size},
                                  {"seed", settings.seed},
                                  {"rig", settings.rig.filename().string()},
                                  {"poses", "exact"}};
+  if (settings.body_seed) marker["body_seed"] = settings.body_seed;
   const std::string text = marker.dump(1) + "\n";
   write_bytes(path, text.data(), text.size());
 }

@@ -13,6 +13,7 @@ struct SyntheticSettings {
   int frames = 40;         // of the training motion, 1..10000; the held-out motion has a third as many (at least one)
   int size = 256;          // pixels, width and height of the pictures, 16..4096
   std::uint64_t seed = 0;  // build, colours, motion and cameras; the same seed gives the same bytes
+  std::uint64_t body_seed = 0;  // another build and other clothes for the built-in figure (varied_figure); 0: its own
 };
 
 // Called from the writing threads, one call at a time: the part done in 0..1 and what is being done.

@@ -21,30 +21,30 @@ double ramp(double from, double to, double x) {
 
 // Where each garment ends, for the average build, as the signed distance (metres, roughly) inside its hem: kept where
 // >= 0.
-double shirt_inside(const glm::dvec3& p) {
-  const double hem = p.y - 0.845, sleeve = 0.345 - std::abs(p.x);
+double shirt_inside(const glm::dvec3& p, const Wardrobe& clothes) {
+  const double hem = p.y - clothes.shirt_hem, sleeve = clothes.sleeve_end - std::abs(p.x);
   const double from_neck = std::hypot(p.x, p.z + 0.025) - 0.088;
   const double neckline = std::max(1.415 - 0.35 * (p.z + 0.02) - p.y, from_neck);
   return std::min({hem, sleeve, neckline});
 }
-double shorts_inside(const glm::dvec3& p) {
-  return std::min(0.925 - p.y, p.y - 0.515);
+double shorts_inside(const glm::dvec3& p, const Wardrobe& clothes) {
+  return std::min(0.925 - p.y, p.y - clothes.shorts_hem);
 }
-double shoe_inside(const glm::dvec3& p) {
+double shoe_inside(const glm::dvec3& p, const Wardrobe&) {
   return 0.088 + 0.12 * std::min(0.0, p.z + 0.02) - p.y;
 }
 // The hairline: above a plane that falls towards the nape, and not in the face.
-double hair_inside(const glm::dvec3& p) {
+double hair_inside(const glm::dvec3& p, const Wardrobe& = {}) {
   const double fall = p.y - (1.595 + 0.95 * (p.z + 0.02));
   const double face = std::max(p.y - 1.692 - 0.25 * std::abs(p.x), 0.02 - p.z);
   const double nape = p.y - 1.555 - 0.1 * std::abs(p.x);
   return std::min({std::max(fall, p.z < -0.02 ? nape : fall), face, nape});
 }
 
-using Inside = double (*)(const glm::dvec3&);
+using Inside = double (*)(const glm::dvec3&, const Wardrobe&);
 
 struct Garment {
-  Layer layer;
+  FigureLayer layer;
   bool Muscle::*worn_by;  // which muscles it wraps
   double blend_factor;    // cloth spans hollows that skin follows
   Inside inside;
@@ -53,7 +53,7 @@ struct Garment {
 };
 
 const Garment kGarments[] = {
-    {Layer::kShirt, &Muscle::shirt, 1.6, shirt_inside,
+    {FigureLayer::kShirt, &Muscle::shirt, 1.6, shirt_inside,
      [](const glm::dvec3& p) {
        return 0.013 + 0.016 * ramp(1.15, 0.85, p.y) + 0.007 * ramp(0.22, 0.34, std::abs(p.x));
      },
@@ -61,18 +61,19 @@ const Garment kGarments[] = {
        return std::max(0.12 + 0.88 * ramp(1.25, 0.86, p.y), 0.7 * ramp(0.2, 0.34, std::abs(p.x))) *
               ramp(0.0, 0.06, 1.47 - p.y);
      }},
-    {Layer::kShorts, &Muscle::shorts, 1.2, shorts_inside,
+    {FigureLayer::kShorts, &Muscle::shorts, 1.2, shorts_inside,
      [](const glm::dvec3& p) { return 0.010 + 0.020 * ramp(0.85, 0.52, p.y); },
      [](const glm::dvec3& p) { return 0.05 + 0.8 * ramp(0.85, 0.52, p.y); }},
-    {Layer::kShoes, &Muscle::shoe, 1.0, shoe_inside, [](const glm::dvec3&) { return 0.009; },
+    {FigureLayer::kShoes, &Muscle::shoe, 1.0, shoe_inside, [](const glm::dvec3&) { return 0.009; },
      [](const glm::dvec3&) { return 0.0; }},
-    {Layer::kHair, &Muscle::hair, 1.0, hair_inside,
+    {FigureLayer::kHair, &Muscle::hair, 1.0, hair_inside,
      [](const glm::dvec3& p) { return 0.004 + 0.014 * ramp(0.0, 0.035, hair_inside(p)); },
      [](const glm::dvec3&) { return 0.0; }},
 };
 
 struct Sheet {
   std::vector<glm::dvec3> vertices, normals;
+  std::vector<std::uint8_t> under_cloth;  // empty: none of it
   std::vector<glm::uvec3> triangles;
   std::vector<glm::u8vec4> joints;
   std::vector<glm::vec4> weights;
@@ -81,7 +82,7 @@ struct Sheet {
 };
 
 // Appends a sheet of one layer to the figure's surface.
-void append(ClothedFigure& figure, const Sheet& sheet, Layer layer) {
+void append(ClothedFigure& figure, const Sheet& sheet, FigureLayer layer) {
   const auto base = static_cast<std::uint32_t>(figure.rest.size());
   for (std::size_t i = 0; i < sheet.vertices.size(); ++i) {
     figure.rest.emplace_back(sheet.vertices[i]);
@@ -91,6 +92,7 @@ void append(ClothedFigure& figure, const Sheet& sheet, Layer layer) {
     figure.joints.push_back(sheet.joints[i]);
     figure.weights.push_back(sheet.weights[i]);
     figure.looseness.push_back(sheet.looseness[i]);
+    figure.under_cloth.push_back(sheet.under_cloth.empty() ? std::uint8_t{0} : sheet.under_cloth[i]);
   }
   for (const glm::uvec3& t : sheet.triangles) figure.triangles.push_back(t + base);
 }
@@ -112,6 +114,7 @@ void compact(Sheet& sheet) {
         kept.weights.push_back(sheet.weights[i]);
         kept.looseness.push_back(sheet.looseness[i]);
         if (!sheet.tint.empty()) kept.tint.push_back(sheet.tint[i]);
+        if (!sheet.under_cloth.empty()) kept.under_cloth.push_back(sheet.under_cloth[i]);
       }
       t[k] = place[i];
     }
@@ -166,14 +169,21 @@ class NearestWeights {
   std::vector<std::vector<std::uint32_t>> cells_;
 };
 
+// How deep inside the shirt's hems a place of average build is; the shirt ends above the legs and below the head.
+double under_shirt(const glm::dvec3& p, const Wardrobe& clothes) {
+  return !clothes.shirt || p.y > 1.5 || p.y < 0.6 ? -1.0 : shirt_inside(p, clothes);
+}
+
 Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTemplate& body, const NearestWeights& near,
-                   double height) {
+                   double height, const Stretch& stretch, const Wardrobe& clothes) {
+  const auto average = [&](const glm::dvec3& p) { return stretch.to_average(p / height); };
+  const double standing_off = height * (garment.layer == FigureLayer::kHair ? 1.0 : clothes.looseness);
   std::vector<Muscle> worn;
   for (const Muscle& muscle : anatomy.muscles)
     if (muscle.*garment.worn_by) worn.push_back(muscle);
-  const Box box = bounds(worn, 0.08);  // cloth stands off by up to 4 cm and its blends swell
+  const Box box = bounds(worn, 0.08 * std::max(1.0, clothes.looseness));  // cloth stands off by up to 4 cm and its blends swell
   const ImplicitField skin = muscle_union(worn, garment.blend_factor);
-  const ImplicitField cloth = [&](const glm::dvec3& p) { return skin(p) - height * garment.offset(p / height); };
+  const ImplicitField cloth = [&](const glm::dvec3& p) { return skin(p) - standing_off * garment.offset(average(p)); };
   TriangleMesh mesh = mesh_zero_set(cloth, box.low, box.high, 0.0135);
 
   std::vector<std::vector<float>> all(mesh.vertices.size(), std::vector<float>(body.skeleton.size(), 0.0f));
@@ -184,7 +194,7 @@ Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTem
   diffuse_weights(all, vertex_neighbours(mesh.vertices.size(), mesh.triangles), 6);
 
   std::vector<double> inside;
-  for (const glm::dvec3& p : mesh.vertices) inside.push_back(garment.inside(p / height));
+  for (const glm::dvec3& p : mesh.vertices) inside.push_back(garment.inside(average(p), clothes));
   const CutTriangles cut = cut_triangles(mesh.triangles, inside);
   const std::vector<glm::dvec3> normals = vertex_normals(mesh.vertices, mesh.triangles);
   Sheet sheet;
@@ -196,7 +206,9 @@ Sheet make_garment(const Garment& garment, const Anatomy& anatomy, const BodyTem
     for (std::size_t b = 0; b < blended.size(); ++b)
       blended[b] += static_cast<float>(origin.t) * (all[origin.second][b] - blended[b]);
     weights.push_back(std::move(blended));
-    sheet.looseness.push_back(static_cast<float>(garment.looseness(sheet.vertices.back() / height)));
+    const glm::dvec3 place = average(sheet.vertices.back());
+    sheet.looseness.push_back(static_cast<float>(garment.looseness(place)));
+    sheet.under_cloth.push_back(garment.layer == FigureLayer::kShorts && under_shirt(place, clothes) > 0 ? 1 : 0);
   }
   keep_four(weights, sheet.joints, sheet.weights);
   sheet.triangles = cut.triangles;
@@ -276,50 +288,60 @@ std::vector<double> rig_garment_inside(const BodyTemplate& rig, double low, doub
 
 }  // namespace
 
-int ground_truth_part(Layer layer) {
+int ground_truth_part(FigureLayer layer) {
   switch (layer) {
-    case Layer::kShirt:
-    case Layer::kShorts:
-    case Layer::kRigGarment:
+    case FigureLayer::kShirt:
+    case FigureLayer::kShorts:
+    case FigureLayer::kRigGarment:
       return 1;
-    case Layer::kShoes:
+    case FigureLayer::kShoes:
       return 2;
-    case Layer::kHair:
+    case FigureLayer::kHair:
       return 3;
-    case Layer::kSkin:
-    case Layer::kRigBody:
+    case FigureLayer::kSkin:
+    case FigureLayer::kRigBody:
       break;
   }
   return 0;
 }
 
-ClothedFigure make_clothed_figure(std::uint64_t seed) {
-  const Anatomy anatomy = make_anatomy(seed);
+ClothedFigure make_clothed_figure(std::uint64_t seed, const FigureVariation& variation) {
+  const Anatomy anatomy = make_anatomy(seed, variation);
+  const Wardrobe& clothes = variation.clothes;
   ClothedFigure figure;
   figure.body = make_body(anatomy);
-  const double height = anatomy.skeleton.rest_joints[0].y / 0.93;
+  figure.stretch = Stretch(variation.build);
+  const double pelvis = figure.stretch.from_average({0, 0.93, 0}).y;
+  const glm::dvec3 reach = figure.stretch.from_average({0.84, 1.74, 0}) / glm::dvec3(0.84, 1.74, 1);
+  const double height = anatomy.skeleton.rest_joints[0].y / pelvis;
   figure.scale = height;
-  figure.middle_height = 0.93 * height;
-  figure.camera_distance = 3 * height;
+  figure.middle_height = pelvis * height;
+  figure.camera_distance = 3 * height * std::max({1.0, reach.x, reach.y});
 
   // Skin more than 25 mm inside a hem cannot be seen, so it is no part of the surface.
   Sheet skin = body_sheet(figure.body);
   std::vector<bool> covered;
   for (const glm::dvec3& vertex : skin.vertices) {
-    const glm::dvec3 p = vertex / height;
+    const glm::dvec3 p = figure.stretch.to_average(vertex / height);
     const bool foot = p.y<0.2, head = p.y> 1.5;
     const double depth =
-        std::max({head || p.y < 0.6 ? -1.0 : shirt_inside(p), shorts_inside(p) - (std::abs(p.x) > 0.3 ? 1.0 : 0.0),
-                  foot ? shoe_inside(p) : -1.0, head ? hair_inside(p) : -1.0});
+        std::max({under_shirt(p, clothes), clothes.shorts ? shorts_inside(p, clothes) - (std::abs(p.x) > 0.3 ? 1.0 : 0.0) : -1.0,
+                  foot && clothes.shoes ? shoe_inside(p, clothes) : -1.0, head ? hair_inside(p) : -1.0});
     covered.push_back(depth > (foot ? 0.02 : 0.03));
+    skin.under_cloth.push_back(depth > 0 ? 1 : 0);
   }
   std::erase_if(skin.triangles, [&](const glm::uvec3& t) { return covered[t.x] && covered[t.y] && covered[t.z]; });
   compact(skin);
-  append(figure, skin, Layer::kSkin);
+  append(figure, skin, FigureLayer::kSkin);
 
   const NearestWeights near(figure.body);
-  for (const Garment& garment : kGarments)
-    append(figure, make_garment(garment, anatomy, figure.body, near, height), garment.layer);
+  for (const Garment& garment : kGarments) {
+    const bool worn = garment.layer == FigureLayer::kShirt    ? clothes.shirt
+                      : garment.layer == FigureLayer::kShorts ? clothes.shorts
+                      : garment.layer == FigureLayer::kShoes  ? clothes.shoes
+                                                        : true;
+    if (worn) append(figure, make_garment(garment, anatomy, figure.body, near, height, figure.stretch, clothes), garment.layer);
+  }
   add_folds(figure);
   return figure;
 }
@@ -346,6 +368,7 @@ ClothedFigure dress_rig(BodyTemplate rig) {
     glm::vec3 color(0);
     for (int k = 0; k < 4; ++k) color += rig.weights[i][k] * joint_color(rig.joints[i][k]);
     body.tint.push_back(color);
+    body.under_cloth.push_back(inside[i] > 0 ? 1 : 0);
   }
   const CutTriangles cut = cut_triangles(rig.triangles, inside);
   Sheet garment;
@@ -363,8 +386,16 @@ ClothedFigure dress_rig(BodyTemplate rig) {
     garment.looseness.push_back(static_cast<float>(0.15 + 0.65 * ramp(0.4, 0.0, hem)));
   }
   garment.triangles = cut.triangles;
-  append(figure, body, Layer::kRigBody);
-  append(figure, garment, Layer::kRigGarment);
+  append(figure, body, FigureLayer::kRigBody);
+  append(figure, garment, FigureLayer::kRigGarment);
+  figure.body = std::move(rig);
+  add_folds(figure);
+  return figure;
+}
+
+ClothedFigure undressed_rig(BodyTemplate rig) {
+  ClothedFigure figure;
+  append(figure, body_sheet(rig), FigureLayer::kRigBody);
   figure.body = std::move(rig);
   add_folds(figure);
   return figure;

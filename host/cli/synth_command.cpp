@@ -27,6 +27,9 @@ void add_synth_command(CLI::App& program, Run& run) {
   command
       ->add_option("--seed", settings.seed, "figure, colours, motion and cameras; the same seed gives the same bytes")
       ->capture_default_str();
+  command->add_option("--body-seed", settings.body_seed,
+                      "another build and other clothes for the built-in figure; 0: its own of old")
+      ->capture_default_str();
   command->add_option("--rig", settings.rig, "a skinned glTF body to dress instead of the built-in figure")
       ->check(CLI::ExistingFile);
   command->footer("Example: arah synth capture --frames 60 --size 256 --seed 3");

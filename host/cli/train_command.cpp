@@ -25,54 +25,18 @@ struct Options {
   std::optional<double> minutes;
   std::optional<uint64_t> steps, seed;
   std::vector<double> disturb;        // degrees, metres
+  std::filesystem::path prior;
   std::vector<std::string> settings;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
 constexpr std::string_view kOfSpec = "spec.";  // what the name of a setting of the avatar's spec begins with
 
-// VALUE of NAME=VALUE: JSON, or a word.
-nlohmann::json assigned_value(const std::string& assignment) {
-  const std::string value = assignment.substr(assignment.find('=') + 1);
-  const auto parsed = nlohmann::json::parse(value, nullptr, false);
-  return parsed.is_discarded() ? nlohmann::json(value) : parsed;
-}
-
-// The settings with one of them replaced; a setting of a group is called "sdf.rate".
-TrainingSettings with_setting(const TrainingSettings& settings, const std::string& assignment) {
-  const std::size_t equals = assignment.find('=');
-  if (equals == std::string::npos)
-    throw InputError("--set", "", "NAME=VALUE", "'" + assignment + "'", "For instance: --set fit_steps=200");
-  const std::string name = assignment.substr(0, equals);
-  auto json = nlohmann::json::parse(settings_to_json(settings));
-  nlohmann::json* place = &json;
-  for (std::size_t from = 0; from <= name.size();) {
-    const std::size_t to = std::min(name.find('.', from), name.size());
-    const std::string part = name.substr(from, to - from);
-    if (!place->is_object() || !place->contains(part))
-      throw InputError("--set", name, "a setting of config.json", "no such setting");
-    place = &(*place)[part];
-    from = to + 1;
-  }
-  *place = assigned_value(assignment);
-  return settings_from_json(json.dump(), "--set");
-}
-
-// The spec with the assignments to "spec.…" made, all at once, since one may need another.
+// The spec with the assignments to "spec.…" made, all before it is checked, since one may need another.
 AvatarSpec with_parts(const AvatarSpec& spec, const std::vector<std::string>& assignments) {
-  nlohmann::json stated = nlohmann::json::object();
-  for (const std::string& assignment : assignments) {
-    const std::string name = assignment.substr(0, assignment.find('=')).substr(kOfSpec.size());
-    nlohmann::json* place = &stated;
-    for (std::size_t from = 0; from <= name.size();) {
-      const std::size_t to = std::min(name.find('.', from), name.size());
-      if (!place->is_object()) *place = nlohmann::json::object();
-      place = &(*place)[name.substr(from, to - from)];
-      from = to + 1;
-    }
-    *place = assigned_value(assignment);
-  }
-  return spec_with_json(spec, stated.dump(), "--set: spec");
+  std::string json = spec_to_json(spec);
+  for (const std::string& assignment : assignments) json = with_field(json, assignment.substr(kOfSpec.size()), "--set spec", "spec.sdf.width=96");
+  return spec_from_json(json, "--set: spec");
 }
 
 // What the options ask for: of a new run, or on top of what a run began with.
@@ -96,10 +60,11 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
   if (!options.disturb.empty()) settings.disturb_degrees = options.disturb[0], settings.disturb_metres = options.disturb[1];
+  if (!options.prior.empty()) settings.prior = std::filesystem::absolute(options.prior).lexically_normal().string();
   std::vector<std::string> parts;
   for (const std::string& assignment : options.settings) {
     if (assignment.starts_with(kOfSpec) && assignment.find('=') != std::string::npos) parts.push_back(assignment);
-    else settings = with_setting(settings, assignment);
+    else settings = settings_from_json(with_field(settings_to_json(settings), assignment, "--set", "fit_steps=200"), "--set");
   }
   search_for_refinement(settings);
   if (!parts.empty()) config.spec = with_parts(config.spec, parts);
@@ -153,6 +118,8 @@ void add_train_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
       ->excludes(minutes);
   command->add_option("--seed", options->seed, "of first values, pixels and points (default: 0)");
+  command->add_option("--prior", options->prior, "a file of arah pretrain to start from; the fit to the template then takes prior_fit_steps and prior_fit_skinning_steps")
+      ->check(CLI::ExistingFile);
   command->add_option("--set", options->settings, "NAME=VALUE: any setting of config.json, as half_width=0.04 or spec.color.view=true; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);

@@ -15,6 +15,8 @@
 #include "host/input_error.h"
 #include "kernels/linear/cooperative.h"
 #include "kernels/linear/linear.h"
+#include "kernels/losses/normal.h"
+#include "kernels/reduction/sum.h"
 #include "kernels/skinning/bone_gradient.h"
 
 namespace arah {
@@ -219,6 +221,22 @@ class Bench {
       args.partials = partials.slice();
       args.gradients = bones.slice();
       record_bone_gradient(commands_, args);
+    });
+
+    // Of pre-training alone.
+    Buffer gradients = filled("gradients", rows * channel_padding), sdf_cotangents = filled("sdf cotangents", rows * channel_padding);
+    Buffer normal_partials = filled("partial sums of normals", partial_bytes(points) / 4), normal_losses = filled("losses of normals", 64);
+    measure_alone(fmt::format("{} points", points), [&] {
+      NormalLossArgs args;
+      args.points = points;
+      args.normaliser = static_cast<float>(points);
+      args.weight = 1;
+      args.gradients = {gradients.slice(), channel_padding, 0};
+      args.normals = vectors.slice();
+      args.d_gradients = {sdf_cotangents.slice(), channel_padding, 0};
+      args.losses = normal_losses.slice();
+      args.partials = normal_partials.slice();
+      record_normal_loss(commands_, args);
     });
   }
 

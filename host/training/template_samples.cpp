@@ -34,6 +34,12 @@ class Sampler {
     for (const glm::dvec3& v : vertices_) lower_ = glm::min(lower_, v), upper_ = glm::max(upper_, v);
   }
 
+  std::vector<WeightSample> draw_surface() {
+    std::vector<WeightSample> samples;
+    for (size_t i = 0; i < pool_size; ++i) samples.push_back(surface_point());
+    return samples;
+  }
+
   TemplateSamples draw() {
     TemplateSamples samples;
     for (size_t i = 0; i < pool_size; ++i) {
@@ -127,6 +133,8 @@ class Sampler {
 };
 
 }  // namespace
+
+std::vector<WeightSample> draw_weight_samples(const Avatar& avatar, uint64_t seed) { return Sampler(avatar, seed ^ 0x3b97f1e4ull).draw_surface(); }
 
 TemplateSamples draw_template_samples(const Avatar& avatar, uint64_t seed) { return Sampler(avatar, seed ^ 0x7e3a91c5ull).draw(); }
 

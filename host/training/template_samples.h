@@ -34,6 +34,9 @@ struct TemplateSamples {
   std::vector<WeightSample> around;     // off the surface by N(0, 3 cm)
 };
 
+// The points of TemplateSamples::surface alone, from another stream of the seed.
+std::vector<WeightSample> draw_weight_samples(const Avatar& avatar, uint64_t seed);
+
 // Throws InputError where the template has no inside (an open or inside-out mesh).
 TemplateSamples draw_template_samples(const Avatar& avatar, uint64_t seed);
 

@@ -11,6 +11,7 @@
 #include "host/avatar/avatar_file.h"
 #include "host/avatar/spec_choice.h"
 #include "host/input_error.h"
+#include "host/training/prior.h"
 
 namespace arah {
 namespace {
@@ -151,10 +152,18 @@ class TrainingRun {
   RunResult fresh() {
     check_pictures();
     Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
+    TrainingSettings fit = settings_;
+    if (!settings_.prior.empty()) {
+      const Prior prior = read_prior(settings_.prior);
+      start_from_prior(avatar, prior);
+      fit.fit_steps = settings_.prior_fit_steps;
+      fit.fit_skinning_steps = settings_.prior_fit_skinning_steps;
+      log({{"event", "prior"}, {"file", settings_.prior}, {"family", ordered_json::parse(prior.family)}, {"seed", prior.settings.seed}, {"version", prior.version}});
+    }
     if (device_.memory_ceiling()) Trainer(device_, capture_, avatar, settings_);  // too low a ceiling is refused before the fit
     RunEvent event;
     try {
-      event.fit = fit_template(device_, avatar, settings_, [&](double fraction) {
+      event.fit = fit_template(device_, avatar, fit, [&](double fraction) {
         RunEvent fitting;
         fitting.fraction = fraction;
         return tell(fitting);

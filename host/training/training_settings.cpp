@@ -101,6 +101,9 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("fit_rate", s.fit_rate);
   visit("fit_skinning_rate", s.fit_skinning_rate);
   visit("clothing", s.clothing);
+  visit("prior", s.prior);
+  visit("prior_fit_steps", s.prior_fit_steps);
+  visit("prior_fit_skinning_steps", s.prior_fit_skinning_steps);
 }
 
 struct Writer {

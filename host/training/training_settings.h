@@ -92,6 +92,9 @@ struct TrainingSettings {
   double fit_rate = 1e-3;           // of the SDF
   double fit_skinning_rate = 5e-3;  // of the skinning network, under the cross entropy
   double clothing = 0.01;         // metres that the start lies outside the template
+  // File of a prior that the fit starts from (prior.h); empty: random first values. With it, its own numbers of steps.
+  std::string prior;
+  uint32_t prior_fit_steps = 300, prior_fit_skinning_steps = 500;
 };
 
 // Where poses are to be refined and correspondences would come from grids alone, they begin their searches there instead.

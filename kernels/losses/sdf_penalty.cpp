@@ -8,6 +8,24 @@
 #include "shaders/shared/losses.h"
 
 namespace arah {
+namespace {
+
+struct PenaltyNames {
+  const char* name;
+  const char* sum;
+};
+
+PenaltyNames names_of(SdfPenalty penalty) {
+  switch (penalty) {
+    case SdfPenalty::off_surface: break;
+    case SdfPenalty::inside: return {"loss inside the body", "sum of the loss inside the body"};
+    case SdfPenalty::on_surface: return {"loss on the surface", "sum of the loss on the surface"};
+    case SdfPenalty::near_zero: return {"loss of small distances", "sum of the loss of small distances"};
+  }
+  return {"loss off the surface", "sum of the loss off the surface"};
+}
+
+}  // namespace
 
 void record_sdf_penalty(Commands& commands, const SdfPenaltyArgs& args) {
   if (args.d_sdf.stride % 4 || args.d_sdf.column % 4 || args.d_sdf_columns % 4)
@@ -16,11 +34,11 @@ void record_sdf_penalty(Commands& commands, const SdfPenaltyArgs& args) {
                     args.d_sdf.stride, args.d_sdf.column, args.d_sdf_columns));
   const shared::SdfPenaltyConstants constants{args.points,     1 / args.normaliser, args.weight,      args.sdf.stride,
                                               args.sdf.column, args.d_sdf.stride,   args.d_sdf.column};
-  const bool inside = args.penalty == SdfPenalty::inside;
+  const PenaltyNames names = names_of(args.penalty);
   const uint32_t padded = padded_points(args.points);
   Launch launch;
-  launch.pipeline = &commands.device().pipeline("losses/sdf_penalty", {inside ? 1u : 0u, args.d_sdf_columns / 4});
-  launch.name = inside ? "loss inside the body" : "loss off the surface";
+  launch.pipeline = &commands.device().pipeline("losses/sdf_penalty", {static_cast<uint32_t>(args.penalty), args.d_sdf_columns / 4});
+  launch.name = names.name;
   launch.groups = {padded / point_padding, 1, 1};
   launch.bindings = {{args.sdf.slice, uint64_t(args.points) * args.sdf.stride * 4},
                      {args.d_sdf.slice, uint64_t(padded) * args.d_sdf.stride * 4},
@@ -31,7 +49,7 @@ void record_sdf_penalty(Commands& commands, const SdfPenaltyArgs& args) {
   commands.dispatch(launch);
 
   SumArgs sum;
-  sum.name = inside ? "sum of the loss inside the body" : "sum of the loss off the surface";
+  sum.name = names.sum;
   sum.rows = padded / point_padding;
   sum.partials = args.partials;
   sum.sums = args.losses;

@@ -1,4 +1,4 @@
-// Penalties on the sdf far from the surface (reference::off_surface_loss, inside_loss; ARAH.md section 7).
+// Penalties on the sdf's values (reference::off_surface_loss, inside_loss, on_surface_loss, near_zero_loss; ARAH.md sections 7 and 10).
 #pragma once
 
 #include "kernels/linear/matrix.h"
@@ -9,6 +9,8 @@ namespace arah {
 enum class SdfPenalty {
   off_surface,  // Σ exp(−100 f) / N over points well outside the body; infinite for f < −0.88
   inside,       // Σ sigmoid(5000 f) / N over points well inside it
+  on_surface,   // Σ |f| / N over points of the surface
+  near_zero,    // Σ exp(−100 |f|) / N over points anywhere else
 };
 
 struct SdfPenaltyArgs {

@@ -63,6 +63,39 @@ ScalarLoss inside_loss(std::span<const double> sdf, double rays) {
   return loss;
 }
 
+ScalarLoss on_surface_loss(std::span<const double> sdf, double points) {
+  ScalarLoss loss{0, std::vector<double>(sdf.size())};
+  for (std::size_t i = 0; i < sdf.size(); ++i) {
+    loss.value += std::abs(sdf[i]) / points;
+    loss.gradient[i] = sign(sdf[i]) / points;
+  }
+  return loss;
+}
+
+ScalarLoss near_zero_loss(std::span<const double> sdf, double points) {
+  ScalarLoss loss{0, std::vector<double>(sdf.size())};
+  for (std::size_t i = 0; i < sdf.size(); ++i) {
+    const double value = std::exp(-100 * std::abs(sdf[i])) / points;
+    loss.value += value;
+    loss.gradient[i] = -100 * value * sign(sdf[i]);
+  }
+  return loss;
+}
+
+EikonalLoss normal_loss(std::span<const std::array<double, 3>> sdf_gradients, std::span<const std::array<double, 3>> normals, double points) {
+  EikonalLoss loss{0, std::vector<std::array<double, 3>>(sdf_gradients.size())};
+  for (std::size_t i = 0; i < sdf_gradients.size(); ++i) {
+    const auto &g = sdf_gradients[i], &n = normals[i];
+    const double length = std::hypot(g[0], g[1], g[2]);
+    const double cosine = length == 0 ? 0 : (g[0] * n[0] + g[1] * n[1] + g[2] * n[2]) / length;
+    loss.value += (1 - cosine) / points;
+    if (length == 0) continue;
+    // d cos / dg = (n − cos g/|g|) / |g|
+    for (int c = 0; c < 3; ++c) loss.gradient[i][c] = -(n[c] - cosine * g[c] / length) / length / points;
+  }
+  return loss;
+}
+
 ScalarLoss skinning_loss(std::span<const double> weights, std::span<const double> template_weights, int bones) {
   ScalarLoss loss{0, std::vector<double>(weights.size())};
   const double points = static_cast<double>(weights.size()) / bones;

@@ -40,6 +40,15 @@ ScalarLoss off_surface_loss(std::span<const double> sdf, double rays);
 // Σ sigmoid(5000 f) / N over points well inside the body; f in cube units.
 ScalarLoss inside_loss(std::span<const double> sdf, double rays);
 
+// Σ |f| / N over points of the surface, and Σ exp(−100 |f|) / N over points anywhere else, where no other surface is to
+// be: the pre-training's terms (ARAH.md section 10). f in cube units; the derivative of |f| is 0 at 0.
+ScalarLoss on_surface_loss(std::span<const double> sdf, double points);
+ScalarLoss near_zero_loss(std::span<const double> sdf, double points);
+
+// Σ (1 − cos(∇f, n)) / N over points of the surface with outward unit normals n; where ∇f is 0 the cosine counts as 0
+// and there is no gradient.
+EikonalLoss normal_loss(std::span<const std::array<double, 3>> sdf_gradients, std::span<const std::array<double, 3>> normals, double points);
+
 // Mean over the points of Σ_b |w_b − w_b^template|. Both spans: [points][bones].
 ScalarLoss skinning_loss(std::span<const double> weights, std::span<const double> template_weights, int bones);
 

@@ -1,7 +1,7 @@
-// Penalties on the sdf away from the surface (ARAH.md section 7), f in cube units: Σ exp(−100 f) / N over points
-// outside the body, Σ sigmoid(5000 f) / N over points inside. One invocation takes one point: reads f, writes (=) the
-// weighted gradient, channels beyond the first and padding rows as 0. Each workgroup leaves its unweighted sum in
-// `partials`.
+// Penalties on the sdf's values (ARAH.md sections 7 and 10), f in cube units: Σ exp(−100 f) / N over points outside the
+// body (0), Σ sigmoid(5000 f) / N over points inside (1), Σ |f| / N on the surface (2), Σ exp(−100 |f|) / N off it (3).
+// One invocation takes one point: reads f, writes (=) the weighted gradient, channels beyond the first and padding rows
+// as 0. Each workgroup leaves its unweighted sum in `partials`.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -10,7 +10,7 @@
 #include "shared/losses.h"
 
 layout(local_size_x = 64) in;
-layout(constant_id = 0) const uint inside_body = 0;
+layout(constant_id = 0) const uint penalty = 0;
 layout(constant_id = 1) const uint d_sdf_quads = 2;  // channels / 4 that are written
 
 layout(push_constant, scalar) uniform Constants { SdfPenaltyConstants c; };
@@ -23,9 +23,15 @@ void main() {
   bool counts = index < c.points;
   float f = sdf[min(index, c.points - 1u) * c.stride + c.column];
   float value, slope;
-  if (inside_body != 0u) {
+  if (penalty == 1u) {
     value = stable_sigmoid(5000.0 * f);
     slope = 5000.0 * value * stable_sigmoid(-5000.0 * f);
+  } else if (penalty == 2u) {
+    value = abs(f);
+    slope = isnan(f) ? f : sign(f);  // a NaN must reach the optimiser's guard
+  } else if (penalty == 3u) {
+    value = exp(-100.0 * abs(f));
+    slope = isnan(f) ? f : -100.0 * value * sign(f);
   } else {
     value = exp(-100.0 * f);
     slope = -100.0 * value;

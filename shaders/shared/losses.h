@@ -24,6 +24,16 @@ struct EikonalConstants {
   uint d_texels;
 };
 
+struct NormalLossConstants {
+  uint points;
+  float inverse_normaliser;
+  float weight;
+  uint stride;  // texels of 4 floats, of the gradient
+  uint column;
+  uint d_stride;  // texels, of what is added to
+  uint d_column;
+};
+
 struct SdfPenaltyConstants {
   uint points;
   float inverse_normaliser;
@@ -56,6 +66,7 @@ struct MaskLossConstants {
 #ifdef __cplusplus
 static_assert(sizeof(ImageLossConstants) == 16);
 static_assert(sizeof(EikonalConstants) == 32);
+static_assert(sizeof(NormalLossConstants) == 28);
 static_assert(sizeof(SdfPenaltyConstants) == 28);
 static_assert(sizeof(MaskLossConstants) == 32);
 }  // namespace arah::shared

@@ -6,6 +6,7 @@
 #include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
 #include "kernels/losses/mask.h"
+#include "kernels/losses/normal.h"
 #include "kernels/losses/sdf_penalty.h"
 #include "kernels/reduction/sum.h"
 #include "tests/golden.h"
@@ -92,6 +93,30 @@ class Losses : public DeviceTest {
     EXPECT_EQ(added(2), 0);
     EXPECT_EQ(added(5), 0);
     return {added(3), added(4), gradient(d, rays, 16, 8, 1, 8)};
+  }
+
+  // Added to a gradient that holds `before` everywhere.
+  Outcome normal(const std::vector<std::array<double, 3>>& gradients, const std::vector<std::array<double, 3>>& normals, float normaliser, float weight, float before) {
+    SetUp();
+    const uint32_t points = static_cast<uint32_t>(gradients.size());
+    std::vector<float> rows(16 * padded_points(points), NAN), outward(4 * points, NAN), d_rows(16 * padded_points(points), before);
+    for (size_t i = 0; i < points; ++i)
+      for (size_t c = 0; c < 3; ++c) {
+        rows[16 * i + 8 + c] = static_cast<float>(gradients[i][c]);
+        outward[4 * i + c] = static_cast<float>(normals[i][c]);
+      }
+    Buffer g = filled("gradients", rows), n = filled("normals", outward), d = filled("d gradients", d_rows), partials = empty("partials", std::max<uint64_t>(partial_bytes(points), 256));
+    record_normal_loss(commands, {points, normaliser, weight, {g.slice(), 16, 8}, n.slice(), {d.slice(), 16, 8}, slots.slice(), 3, partials.slice()});
+    commands.submit_and_wait();
+    const auto all = device.download<float>(d.slice());
+    std::vector<double> change;
+    for (size_t row = 0; row < padded_points(points); ++row)
+      for (size_t c = 0; c < 16; ++c) {
+        const float value = all[16 * row + c];
+        if (row < points && c >= 8 && c < 11) change.push_back(double(value) - double(before));
+        else EXPECT_EQ(value, before) << "row " << row << " column " << c;
+      }
+    return {added(3), 0, change};
   }
 
  private:
@@ -246,6 +271,39 @@ TEST_F(Losses, OfTheMaskFollowsTheReference) {
     }
   }
   EXPECT_TRUE(std::isnan(mask({NAN}, {1}, {true}, 1, 1, 50, {}).gradient[0])) << "it must reach the optimiser's guard";
+}
+
+TEST_F(Losses, TermsOfThePretrainingFollowTheReference) {
+  for (const uint32_t points : {1u, 65u, 1000u}) {
+    std::vector<double> sdf;
+    for (const float f : uniform(points, -0.03, 0.03)) sdf.push_back(f);
+    if (points > 2) sdf[1] = 0, sdf[2] = -3;
+    for (const SdfPenalty kind : {SdfPenalty::on_surface, SdfPenalty::near_zero}) {
+      const auto truth = kind == SdfPenalty::on_surface ? reference::on_surface_loss(sdf, 33) : reference::near_zero_loss(sdf, 33);
+      const Outcome actual = penalty(kind, sdf, 33, 50);
+      EXPECT_NEAR(actual.value, truth.value, 3e-6 * std::max(1.0, truth.value));
+      std::vector<double> expected = truth.gradient;
+      for (double& x : expected) x *= 50;
+      golden::expect_close("d of points " + std::to_string(points), actual.gradient, expected, 3e-6 * largest(expected));
+    }
+    std::vector<std::array<double, 3>> gradients(points), normals(points);
+    for (uint32_t i = 0; i < points; ++i) {
+      const auto g = uniform(3, -1.5, 1.5), n = uniform(3, -1, 1);
+      const double length = std::hypot(n[0], n[1], n[2]);
+      gradients[i] = {g[0], g[1], g[2]};
+      normals[i] = {n[0] / length, n[1] / length, n[2] / length};
+    }
+    if (points > 2) gradients[1] = {0, 0, 0}, gradients[2] = normals[2];
+    const auto truth = reference::normal_loss(gradients, normals, 40);
+    const Outcome actual = normal(gradients, normals, 40, 10, 0.25F);
+    EXPECT_NEAR(actual.value, truth.value, 2e-6 * std::max(1.0, truth.value));
+    std::vector<double> expected;
+    for (const auto& g : truth.gradient)
+      for (double x : g) expected.push_back(10 * x);
+    golden::expect_close("d normals of " + std::to_string(points), actual.gradient, expected, 2e-6 * std::max(1.0, largest(expected)));
+  }
+  EXPECT_TRUE(std::isnan(penalty(SdfPenalty::on_surface, {NAN}, 1, 1).gradient[0]));
+  EXPECT_TRUE(std::isnan(penalty(SdfPenalty::near_zero, {NAN}, 1, 1).gradient[0]));
 }
 
 TEST_F(Losses, Golden09) {

@@ -376,6 +376,40 @@ TEST_F(Stories, CtrlCDuringTheFitLeavesNothing) {
   EXPECT_FALSE(fs::exists(at("early")));
 }
 
+// A prior from a folder of bodies: learned, interrupted, continued, started from, and refused where it does not fit.
+TEST_F(Stories, ATrainingStartsFromAPrior) {
+  fs::create_directories(at("bodies"));
+  fs::copy(fs::path(capture()) / "template.glb", at("bodies/only.glb"));
+  const std::string prior = at("prior.safetensors");
+  const std::vector<std::string> learn{"pretrain", "-o", prior, "--family-folder", at("bodies"), "--set", "surface_points=64", "--set", "volume_points=64"};
+  const auto with = [](std::vector<std::string> words, const std::vector<std::string>& more) {
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  Program program(with(learn, {"--set", "skinning.steps=100000"}), at(""));
+  for (int i = 0; i < 6000 && program.running() && read_all(at("stderr.txt")).find("learn skinning weights") == std::string::npos; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  program.signal(SIGINT);
+  const Outcome stopped = program.wait();
+  EXPECT_EQ(stopped.code, 1);
+  EXPECT_THAT(stopped.errors, HasSubstr("holds what there is, continue with --resume"));
+  const Outcome taken = arah(learn);
+  EXPECT_EQ(taken.code, 2);
+  EXPECT_THAT(taken.errors, HasSubstr("--resume"));
+  const Outcome again = arah(with(learn, {"--resume", "--set", "skinning.steps=2", "--set", "sdf.steps=2"}));
+  ASSERT_EQ(again.code, 0) << again.errors;
+  EXPECT_THAT(again.errors, HasSubstr("learn SDF"));
+
+  const Outcome trained = arah({"train", capture(), "-o", at("from_prior"), "--steps", "1", "--prior", prior, "--set", "prior_fit_steps=3", "--set", "prior_fit_skinning_steps=2"});
+  ASSERT_EQ(trained.code, 0) << trained.errors;
+  EXPECT_THAT(read_all(at("from_prior/events.jsonl")), HasSubstr(R"({"event":"prior","file":)"));
+  EXPECT_THAT(load_avatar(at("from_prior/avatar.safetensors")).settings, HasSubstr("prior.safetensors"));
+  const Outcome other = arah({"train", capture(), "-o", at("refused"), "--steps", "1", "--preset", "compact", "--prior", prior});
+  EXPECT_EQ(other.code, 2);
+  EXPECT_THAT(other.errors, HasSubstr("prior.safetensors: sdf.width: expected the avatar's"));
+  EXPECT_FALSE(fs::exists(at("refused")));
+}
+
 TEST_F(Stories, WhatIsWrongIsNamedInOneLine) {
   expect_refused(at("nowhere"), {"nowhere"});
 
@@ -413,6 +447,9 @@ TEST_F(Stories, WrongCallsAreExplained) {
                                              {"train", capture(), "-o", at("x"), "--set", "sdf.speed=1"},
                                              {"train", capture(), "-o", at("x"), "--steps", "1", "--minutes", "1"},
                                              {"train", capture(), "-o", at("x"), "--resume"},
+                                             {"pretrain", "-o", at("x/prior.safetensors")},
+                                             {"pretrain", "-o", at("x"), "--family-folder", at("nowhere")},
+                                             {"pretrain", "-o", at("x"), "--set", "sdf.speed=1"},
                                              {"render", at("x"), "-o", at("y.png")},
                                              {"render", at("x"), "-o", at("y.png"), "--quality", "best"},
                                              {"tradeoff", at("x"), capture(), "-o", at("y")},
@@ -423,7 +460,7 @@ TEST_F(Stories, WrongCallsAreExplained) {
     EXPECT_THAT(outcome.errors, HasSubstr("arah: "));
     EXPECT_FALSE(fs::exists(at("x")) || fs::exists(at("y")) || fs::exists(at("y.png")));
   }
-  for (const char* word : {"bench", "demo", "devices", "evaluate", "inspect", "render", "synth", "tradeoff",
+  for (const char* word : {"bench", "demo", "devices", "evaluate", "inspect", "pretrain", "render", "synth", "tradeoff",
                            "train"}) {
     const Outcome help = arah({word, "--help"});
     EXPECT_EQ(help.code, 0);

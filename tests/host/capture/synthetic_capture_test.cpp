@@ -85,6 +85,23 @@ double worst_share_on_figure(const Capture& capture) {
   return worst;
 }
 
+// Directed edges that have not as many partners in the other direction: none in a mesh that is closed and consistently
+// oriented. And the volume within, m^3, positive where normals point outward.
+std::pair<std::size_t, double> open_edges_and_volume(const BodyTemplate& body) {
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
+  double volume = 0;
+  for (const glm::uvec3& t : body.triangles) {
+    for (int k = 0; k < 3; ++k) ++uses[{t[k], t[(k + 1) % 3]}];
+    volume += static_cast<double>(glm::dot(body.vertices[t.x], glm::cross(body.vertices[t.y], body.vertices[t.z]))) / 6;
+  }
+  std::size_t open_edges = 0;
+  for (const auto& [edge, count] : uses) {
+    const auto back = uses.find({edge.second, edge.first});
+    open_edges += back == uses.end() || back->second != count ? 1 : 0;
+  }
+  return {open_edges, volume};
+}
+
 TEST(SyntheticFigure, BodyIsClosedAndSkinnedBySmplsTree) {
   for (const std::uint64_t seed : {0, 1, 7}) {
     const BodyTemplate body = make_clothed_figure(seed).body;
@@ -93,19 +110,7 @@ TEST(SyntheticFigure, BodyIsClosedAndSkinnedBySmplsTree) {
     EXPECT_TRUE(has_smpl_legs(body.skeleton));
     EXPECT_GE(body.vertices.size(), 8000u);
     EXPECT_LE(body.vertices.size(), 16000u);
-    std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
-    double volume = 0;
-    for (const glm::uvec3& t : body.triangles) {
-      for (int k = 0; k < 3; ++k) ++uses[{t[k], t[(k + 1) % 3]}];
-      volume +=
-          static_cast<double>(glm::dot(body.vertices[t.x], glm::cross(body.vertices[t.y], body.vertices[t.z]))) / 6;
-    }
-    // Closed and consistently oriented: every directed edge has as many partners in the other direction.
-    std::size_t open_edges = 0;
-    for (const auto& [edge, count] : uses) {
-      const auto back = uses.find({edge.second, edge.first});
-      open_edges += back == uses.end() || back->second != count ? 1 : 0;
-    }
+    const auto [open_edges, volume] = open_edges_and_volume(body);
     EXPECT_EQ(open_edges, 0u) << "seed " << seed;
     EXPECT_GT(volume, 0.045) << "m^3: a person of 45 to 95 kg, normals outward";
     EXPECT_LT(volume, 0.095);
@@ -116,6 +121,92 @@ TEST(SyntheticFigure, BodyIsClosedAndSkinnedBySmplsTree) {
     }
     EXPECT_EQ(moved.size(), 24u) << "every joint moves some skin most";
   }
+}
+
+// FNV-1a over the bytes of a figure's body and clothes.
+class FigureHash {
+ public:
+  template <typename T>
+  void add(const std::vector<T>& values) {
+    const auto* bytes = reinterpret_cast<const unsigned char*>(values.data());
+    for (std::size_t i = 0; i < values.size() * sizeof(T); ++i) hash_ = (hash_ ^ bytes[i]) * 0x100000001b3ull;
+  }
+  static std::uint64_t of(const ClothedFigure& figure) {
+    FigureHash hash;
+    hash.add(figure.body.skeleton.rest_joints);
+    hash.add(figure.body.vertices);
+    hash.add(figure.body.triangles);
+    hash.add(figure.body.weights);
+    hash.add(figure.rest);
+    hash.add(figure.weights);
+    hash.add(figure.triangles);
+    hash.add(figure.looseness);
+    return hash.hash_;
+  }
+
+ private:
+  std::uint64_t hash_ = 0xcbf29ce484222325ull;
+};
+
+// Captures and stored losses of earlier versions were made from these bits.
+TEST(SyntheticFigure, TheFiguresOfEarlierVersionsStayAsTheyAre) {
+  EXPECT_EQ(FigureHash::of(standard_figure()), 7668680745302646868ull);
+  EXPECT_EQ(FigureHash::of(make_clothed_figure(7)), 8951744011960758094ull);
+}
+
+// Of a family each body is another one, and as good a body as the average.
+TEST(SyntheticFigure, VariedFiguresDifferAndAreWholeBodies) {
+  std::set<std::uint64_t> hashes;
+  std::set<double> heights;
+  std::set<std::set<FigureLayer>> wardrobes;
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    const ClothedFigure figure = make_clothed_figure(0, varied_figure(seed));
+    const BodyTemplate& body = figure.body;
+    EXPECT_NO_THROW(validate_skeleton(body.skeleton, "figure"));
+    EXPECT_EQ(body.skeleton.names, standard_figure().body.skeleton.names);
+    EXPECT_EQ(body.skeleton.parents, standard_figure().body.skeleton.parents);
+    const auto [open_edges, volume] = open_edges_and_volume(body);
+    EXPECT_EQ(open_edges, 0u) << "seed " << seed;
+    EXPECT_GT(volume, 0.03) << "seed " << seed;
+    EXPECT_LT(volume, 0.13) << "seed " << seed;
+    float lowest = 9, highest = 0;
+    std::set<int> moved;
+    for (std::size_t i = 0; i < body.vertices.size(); ++i) {
+      const glm::vec4& w = body.weights[i];
+      EXPECT_NEAR(w.x + w.y + w.z + w.w, 1.0f, 1e-5f);
+      moved.insert(body.joints[i].x);
+      lowest = std::min(lowest, body.vertices[i].y), highest = std::max(highest, body.vertices[i].y);
+    }
+    EXPECT_EQ(moved.size(), 24u) << "seed " << seed;
+    EXPECT_NEAR(lowest, 0.0f, 0.02f) << "it stands on the ground";
+    EXPECT_GT(highest, 1.4f);
+    EXPECT_LT(highest, 2.1f);
+    ASSERT_EQ(figure.under_cloth.size(), figure.rest.size());
+    const auto under = static_cast<double>(std::count(figure.under_cloth.begin(), figure.under_cloth.end(), 1));
+    EXPECT_LT(under, 0.5 * static_cast<double>(figure.rest.size()));
+    hashes.insert(FigureHash::of(figure));
+    heights.insert(highest);
+    wardrobes.insert(std::set<FigureLayer>(figure.layers.begin(), figure.layers.end()));
+  }
+  EXPECT_EQ(hashes.size(), 8u);
+  EXPECT_EQ(heights.size(), 8u);
+  EXPECT_GE(wardrobes.size(), 2u) << "not all wear the same";
+  EXPECT_TRUE(hashes.contains(FigureHash::of(make_clothed_figure(0, varied_figure(3))))) << "the same seed, the same bits";
+  EXPECT_EQ(FigureHash::of(make_clothed_figure(0, varied_figure(0))), FigureHash::of(standard_figure()));
+}
+
+TEST(SyntheticFigure, StretchAndItsInverseCancel) {
+  Build build;
+  build.arm_length = 1.2, build.leg_length = 0.8, build.trunk_length = 1.1;
+  const Stretch stretch(build);
+  for (double x = -0.9; x < 0.95; x += 0.1)
+    for (double y = 0; y < 1.8; y += 0.05) {
+      const glm::dvec3 place(x, y, 0.1), back = stretch.to_average(stretch.from_average(place));
+      for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(back[axis], place[axis], 1e-12) << x << ' ' << y;
+    }
+  // Hip to ankle is as much shorter as asked, shoulder to wrist as much longer.
+  EXPECT_NEAR(stretch.from_average({0, 0.875, 0}).y - stretch.from_average({0, 0.085, 0}).y, 0.8 * 0.79, 1e-12);
+  EXPECT_NEAR(stretch.from_average({-0.68, 1, 0}).x - stretch.from_average({-0.18, 1, 0}).x, -1.2 * 0.5, 1e-12);
 }
 
 TEST(SyntheticFigure, ClothesMoveBeyondSkinningAndSkinDoesNot) {
@@ -130,7 +221,7 @@ TEST(SyntheticFigure, ClothesMoveBeyondSkinningAndSkinDoesNot) {
     for (std::size_t i = 0; i < skinned.size(); ++i) {
       const double deviation = static_cast<double>(glm::distance(posed.positions[i], skinned[i]));
       EXPECT_NEAR(glm::length(posed.normals[i]), 1.0f, 1e-4f);
-      if (figure.layers[i] != Layer::kShirt && figure.layers[i] != Layer::kShorts) {
+      if (figure.layers[i] != FigureLayer::kShirt && figure.layers[i] != FigureLayer::kShorts) {
         ASSERT_EQ(deviation, 0.0) << "vertex " << i;
         continue;
       }
@@ -272,6 +363,16 @@ TEST(SyntheticCapture, TheSeedDecidesEveryByte) {
   for (const auto& [name, bytes] : first) EXPECT_NE(bytes, other.at(name)) << name;
 }
 
+TEST(SyntheticCapture, TheBodySeedChangesTheBodyAndFitsItsTemplate) {
+  const TemporaryFolder folder;
+  SyntheticSettings settings = settings_of(2, 64);
+  write_synthetic_capture(folder.path / "a", settings);
+  settings.body_seed = 4;
+  write_synthetic_capture(folder.path / "b", settings);
+  EXPECT_NE(files_of(folder.path / "a").at("template.glb"), files_of(folder.path / "b").at("template.glb"));
+  EXPECT_GE(worst_share_on_figure(open_capture(folder.path / "b")), 0.98);
+}
+
 TEST(SyntheticCapture, AnyRigCanBeTheBody) {
   const TemporaryFolder folder;
   // A box of 4 cm with two joints that no one has heard of.
@@ -296,7 +397,7 @@ TEST(SyntheticCapture, AnyRigCanBeTheBody) {
               rig == std::string("box") ? box.skeleton.names : standard_figure().body.skeleton.names);
     EXPECT_GE(worst_share_on_figure(capture), 0.98) << rig;
     bool garment = false;
-    for (const Layer layer : dress_rig(capture.body_template).layers) garment = garment || layer == Layer::kRigGarment;
+    for (const FigureLayer layer : dress_rig(capture.body_template).layers) garment = garment || layer == FigureLayer::kRigGarment;
     EXPECT_TRUE(garment) << rig;
   }
 }
@@ -320,6 +421,9 @@ TEST(SyntheticCapture, RefusesWhatItCannotDo) {
   EXPECT_THAT(attempt(out, settings_of(0, 64)), testing::HasSubstr("frames: expected 1 to 10000, found 0"));
   EXPECT_THAT(attempt(out, settings_of(4, 15)), testing::HasSubstr("size: expected 16 to 4096, found 15"));
   EXPECT_THAT(attempt(out, settings_of(4, 64, 0, folder.path / "none.glb")), testing::HasSubstr("none.glb"));
+  SyntheticSettings both = settings_of(4, 64, 0, folder.path / "some.glb");
+  both.body_seed = 1;
+  EXPECT_THAT(attempt(out, both), testing::HasSubstr("body_seed: expected 0 with a rig"));
   EXPECT_THAT(attempt("", {}), testing::HasSubstr("expected a name"));
   EXPECT_FALSE(fs::exists(out));
 

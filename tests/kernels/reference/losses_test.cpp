@@ -93,6 +93,18 @@ TEST(Losses, GradientsAgreeWithDifferences) {
   expect_gradient(
       "inside", [&] { return inside_loss(near_zero, rays).value; }, near_zero, inside_loss(near_zero, rays).gradient,
       2e-7);
+  std::vector<double> distances = random_numbers(9, -0.03, 0.03, 8);
+  expect_gradient(
+      "on the surface", [&] { return on_surface_loss(distances, rays).value; }, distances, on_surface_loss(distances, rays).gradient);
+  expect_gradient(
+      "near zero", [&] { return near_zero_loss(distances, rays).value; }, distances, near_zero_loss(distances, rays).gradient, 1e-5);
+  std::vector<Rgb> normals = triples(random_numbers(21, -1, 1, 9));
+  for (Rgb& n : normals) {
+    const double length = std::hypot(n[0], n[1], n[2]);
+    for (double& axis : n) axis /= length;
+  }
+  expect_gradient(
+      "normals", [&] { return normal_loss(triples(x), normals, rays).value; }, x, flat(normal_loss(triples(x), normals, rays).gradient));
   std::vector<double> sums = random_numbers(11, 0.01, 0.99, 5);
   const std::vector<double> soft_mask = random_numbers(11, 0, 1, 6);
   expect_gradient(
@@ -141,6 +153,20 @@ TEST(Losses, KinksAndEmptyInputsHaveNoGradient) {
   EXPECT_EQ(parameter_loss({}).value, 0);
   EXPECT_EQ(color_loss({}, {}, {}, 2048).value, 0);
   EXPECT_EQ(skinning_loss({}, {}, 24).value, 0);
+}
+
+// By hand: what pre-training's terms are where all is right, and where it is wrong.
+TEST(Losses, TermsOfThePretraining) {
+  EXPECT_EQ(on_surface_loss(std::vector{0.0, -0.5, 0.25}, 2).value, 0.375);
+  EXPECT_EQ(on_surface_loss(std::vector{0.0, -0.5, 0.25}, 2).gradient, (std::vector{0.0, -0.5, 0.5}));
+  EXPECT_DOUBLE_EQ(near_zero_loss(std::vector{0.0, 0.01, -0.01, 9.0}, 1).value, 1 + 2 * std::exp(-1.0));
+  EXPECT_EQ(near_zero_loss(std::vector{0.0}, 1).gradient[0], 0);
+  const std::vector<Rgb> up{{0, 1, 0}, {0, 1, 0}, {0, 1, 0}, {0, 1, 0}}, gradients{{0, 3, 0}, {0, -3, 0}, {2, 0, 0}, {0, 0, 0}};
+  const EikonalLoss loss = normal_loss(gradients, up, 1);
+  EXPECT_EQ(loss.value, 0 + 2 + 1 + 1);
+  EXPECT_EQ(loss.gradient[0], (Rgb{0, 0, 0}));
+  EXPECT_EQ(loss.gradient[2], (Rgb{0, -0.5, 0})) << "it turns towards the normal, the slower the longer it is";
+  EXPECT_EQ(loss.gradient[3], (Rgb{0, 0, 0}));
 }
 
 TEST(Losses, SigmoidTermIsFiniteAtEveryDistance) {

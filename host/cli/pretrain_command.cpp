@@ -1,0 +1,115 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <optional>
+
+#include "host/cli/arguments.h"
+#include "host/cli/command.h"
+#include "host/cli/interrupt.h"
+#include "host/cli/progress.h"
+#include "host/cli/shader_progress.h"
+#include "host/input_error.h"
+#include "host/training/pretraining.h"
+
+namespace arah {
+namespace {
+
+struct PretrainCall {
+  PretrainOptions run;
+  std::optional<std::string> preset;
+  std::optional<uint64_t> family, seed;
+  std::filesystem::path folder;
+  std::vector<std::string> settings;  // NAME=VALUE
+  DeviceOptions device = DeviceOptions::from_environment();
+};
+
+BodyFamily make_family(const PretrainCall& call, const PretrainSettings& settings, const Interrupt& interrupt) {
+  if (!call.folder.empty()) return family_from_folder(call.folder);
+  Progress progress("make bodies", static_cast<double>(settings.bodies), "bodies");
+  try {
+    BodyFamily family = generated_family(settings.bodies, 1, [&](std::size_t made) {
+      progress.update(static_cast<double>(made));
+      return !interrupt.wanted();
+    });
+    progress.finish();
+    return family;
+  } catch (const std::runtime_error&) {
+    if (interrupt.wanted()) throw std::runtime_error("stopped before the first step; nothing was written");
+    throw;
+  }
+}
+
+int pretrain(const PretrainCall& call) {
+  PretrainSettings settings;
+  AvatarSpec spec;
+  if (call.run.resume) {
+    const Prior begun = read_prior(call.run.out);
+    settings = begun.settings;
+    spec = begun.spec;
+    if (call.preset && *call.preset != settings.preset) throw InputError("--preset", "", "the one that the file began with, " + settings.preset, *call.preset);
+  } else {
+    const std::filesystem::path parent = std::filesystem::absolute(call.run.out).parent_path();
+    if (!std::filesystem::is_directory(parent)) throw InputError(parent.string(), "", "a folder for the prior's file", "no such folder");
+    if (std::filesystem::exists(call.run.out))
+      throw InputError(call.run.out.string(), "", "a name that is free", "a file", "Go on with --resume, or choose another name.");
+    const std::string preset = call.preset.value_or("tiny");
+    settings = preset_pretrain_settings(preset);
+    spec = preset_spec(preset);
+  }
+  if (call.family) settings.bodies = *call.family;
+  if (call.seed) settings.seed = *call.seed;
+  for (const std::string& assignment : call.settings)
+    settings = pretrain_settings_from_json(with_field(pretrain_settings_to_json(settings), assignment, "--set", "sdf.steps=200"), "--set");
+
+  Device device(call.device);
+  fmt::print(stderr, "device: {} ({})\n", device.report().name, device.report().driver);
+  const Interrupt interrupt;
+  const BodyFamily family = make_family(call, settings, interrupt);
+  Pretraining pretraining(device, spec, family, settings);
+  std::optional<Progress> progress;
+  std::string network;
+  double loss = 0;
+  const bool finished = run_pretraining(pretraining, settings, call.run, [&](const PretrainEvent& event) {
+    if (network != event.network) {
+      if (progress) progress->finish(fmt::format("loss {:.4g}", loss));
+      network = event.network;
+      progress.emplace("learn " + network, static_cast<double>(event.steps), "outer steps", static_cast<double>(event.first));
+    }
+    loss = event.loss;
+    progress->update(static_cast<double>(event.step), fmt::format("loss {:.4g}", loss));
+    if (event.saved) progress->say(fmt::format("{} written", call.run.out.string()));
+    return !interrupt.wanted();
+  });
+  if (progress && finished) progress->finish(fmt::format("loss {:.4g}  {}  {}", loss, shaders_text(device), call.run.out.string()));
+  if (call.device.profile) fmt::print("{}", device.profiler().table());
+  if (finished) return 0;
+  throw std::runtime_error(fmt::format("stopped; {} holds what there is, continue with --resume", call.run.out.string()));
+}
+
+}  // namespace
+
+void add_pretrain_command(CLI::App& program, Run& run) {
+  const auto call = std::make_shared<PretrainCall>();
+  CLI::App* command = program.add_subcommand("pretrain", "Learn a prior for shape and skinning from many bodies, for arah train --prior");
+  command->add_option("-o,--out", call->run.out, "the prior's file, .safetensors")->required();
+  command->add_option("--preset", call->preset, "sizes of the networks and settings: tiny, compact or paper (default: tiny)")->check(CLI::IsMember(preset_names()));
+  CLI::Option* family = command->add_option("--family", call->family, "learn from so many generated people (default: the preset's 8, 24 or 64)")->check(CLI::Range(1, 10000));
+  command->add_option("--family-folder", call->folder, "learn from the .glb and .gltf bodies of this folder, all with the same joints")->excludes(family);
+  command->add_option("--seed", call->seed, "of first values, poses and points (default: 0)");
+  command->add_option("--set", call->settings, "NAME=VALUE: any setting, such as sdf.steps=400 or skinning.inner_rate=1e-4; may be repeated")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_flag("--resume", call->run.resume, "go on with the file; with more sdf.steps or skinning.steps also beyond the end");
+  add_device_option(*command, call->device);
+  add_memory_option(*command, call->device);
+  command->add_flag("--profile", call->device.profile, "time every launch on the device and print the table");
+  command->footer(
+      "Ctrl-C stops after the current outer step and leaves the file (exit code 1).\n"
+      "Example: arah pretrain -o people.safetensors --family 8 && arah train capture -o run --prior people.safetensors");
+  command->callback([call, &run] {
+    run = [call] { return pretrain(*call); };
+  });
+}
+
+}  // namespace arah

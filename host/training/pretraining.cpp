@@ -1,0 +1,166 @@
+#include "host/training/pretraining.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <optional>
+#include <random>
+
+#include "host/input_error.h"
+#include "host/training/pretrain_tasks.h"
+#include "host/training/reptile.h"
+
+namespace arah {
+namespace {
+
+enum PretrainStream : uint32_t { sdf_stream = 1, skinning_stream = 2 };
+
+// Random numbers of an outer step's task `place`, or, with place 0, of the choice of its tasks.
+std::mt19937_64 pretrain_generator(uint64_t seed, PretrainStream stream, uint64_t step, uint32_t place) {
+  std::seed_seq sequence{uint32_t(seed), uint32_t(seed >> 32), uint32_t(stream), uint32_t(step), uint32_t(step >> 32), place};
+  return std::mt19937_64(sequence);
+}
+
+// `count` of 0 … all − 1 in random order, distinct while there are enough.
+std::vector<std::size_t> choose_tasks(std::size_t all, std::size_t count, std::mt19937_64& generator) {
+  std::vector<std::size_t> order(all), chosen;
+  for (std::size_t i = 0; i < all; ++i) order[i] = i;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t from = i % all;
+    std::swap(order[from], order[std::uniform_int_distribution<std::size_t>(from, all - 1)(generator)]);
+    chosen.push_back(order[from]);
+  }
+  return chosen;
+}
+
+ReptileGroup reptile_group(const ParameterLayout& layout, const std::string& name, const ReptileSettings& settings) {
+  const ParameterGroup& group = layout.group(name);
+  return {name, group.begin, group.end, settings.inner_rate, settings.outer_rate};
+}
+
+}  // namespace
+
+struct Pretraining::State {
+  State(Device& device_, const AvatarSpec& spec, const BodyFamily& family, const PretrainSettings& settings_)
+      : device(device_), settings(settings_), description(family.description), avatar(make_avatar(prior_spec(spec), family.members.front().figure.body, {}, settings_.seed)), networks(device_, avatar, true) {
+    const bool skins = avatar.spec.skinning.kind == Skinning::network;
+    std::vector<std::vector<WeightSample>> pools;
+    for (std::size_t m = 0; m < family.members.size(); ++m) {
+      const BodyTemplate& body = family.members[m].figure.body;
+      const Avatar member = make_avatar(avatar.spec, body, {}, settings.seed);
+      cubes.push_back(member.cube);
+      if (skins) pools.push_back(draw_weight_samples(member, settings.seed + m));
+    }
+    scans = family_scans(family, settings.poses, settings.seed);
+    sdf_tasks.emplace(device, networks, scans, cubes, settings);
+    sdf.emplace(device, networks.parameters(), networks.gradients(), std::vector{reptile_group(networks.layout(), "sdf", settings.sdf)}, settings.sdf.inner_steps);
+    if (!skins) return;
+    skinning_tasks.emplace(device, networks, std::move(pools), cubes, settings);
+    skinning.emplace(device, networks.parameters(), networks.gradients(), std::vector{reptile_group(networks.layout(), "skinning", settings.skinning)}, settings.skinning.inner_steps);
+  }
+
+  // One outer step of either network: the same loop, with other tasks.
+  template <typename Tasks>
+  double step(Reptile& reptile, Tasks& tasks, const ReptileSettings& rates, PretrainStream stream) {
+    std::mt19937_64 choice = pretrain_generator(settings.seed, stream, reptile.steps(), 0);
+    const std::vector<std::size_t> chosen = choose_tasks(tasks.count(), rates.tasks, choice);
+    Commands clear(device);
+    tasks.clear_losses(clear);
+    clear.submit_and_wait();
+    uint32_t place = 0;
+    std::mt19937_64 generator;
+    reptile.step(chosen, [&](Commands& commands, std::size_t task, uint32_t inner_step) {
+      if (inner_step == 0) generator = pretrain_generator(settings.seed, stream, reptile.steps(), ++place);
+      tasks.draw(task, inner_step, generator);
+      tasks.record(commands);
+    }, rates.end_fraction + (1 - rates.end_fraction) * 0.5 * (1 + std::cos(std::numbers::pi * std::min(1.0, double(reptile.steps()) / double(std::max<uint64_t>(rates.steps, 1))))));
+    return tasks.loss() / (double(rates.tasks) * rates.inner_steps);
+  }
+
+  Device& device;
+  PretrainSettings settings;
+  std::string description;
+  Avatar avatar;
+  AvatarNetworks networks;
+  std::vector<CubeNormalization> cubes;  // by member
+  std::vector<FamilyScan> scans;
+  std::optional<SdfTasks> sdf_tasks;
+  std::optional<SkinningTasks> skinning_tasks;
+  std::optional<Reptile> sdf, skinning;
+};
+
+Pretraining::Pretraining(Device& device, const AvatarSpec& spec, const BodyFamily& family, const PretrainSettings& settings)
+    : state_(std::make_unique<State>(device, spec, family, settings)) {}
+Pretraining::~Pretraining() = default;
+
+double Pretraining::sdf_step() {
+  State& s = *state_;
+  return s.step(*s.sdf, *s.sdf_tasks, s.settings.sdf, sdf_stream);
+}
+
+double Pretraining::skinning_step() {
+  State& s = *state_;
+  if (!s.skinning) throw std::logic_error("pre-training without a skinning network");
+  return s.step(*s.skinning, *s.skinning_tasks, s.settings.skinning, skinning_stream);
+}
+
+uint64_t Pretraining::sdf_steps() const { return state_->sdf->steps(); }
+uint64_t Pretraining::skinning_steps() const { return state_->skinning ? state_->skinning->steps() : state_->settings.skinning.steps; }
+
+SafetensorsFile Pretraining::tensors() {
+  State& s = *state_;
+  s.avatar.parameters = s.device.download<float>(s.networks.parameters().elements(0, s.networks.layout().floats));
+  SafetensorsFile file = prior_tensors(s.avatar, s.settings, s.description);
+  s.sdf->save(file);
+  if (s.skinning) s.skinning->save(file);
+  return file;
+}
+
+void Pretraining::resume(const SafetensorsFile& file) {
+  State& s = *state_;
+  const std::string where = file.path.string();
+  const auto metadata = [&](const char* key) {
+    const auto found = file.metadata.find(key);
+    return found == file.metadata.end() ? std::string("none") : found->second;
+  };
+  const std::string advice = "Leave the option out, or write another file.";
+  if (metadata("family") != s.description) throw InputError(where, "family", metadata("family"), s.description, advice);
+  PretrainSettings saved = pretrain_settings_from_json(metadata("settings"), where + ": settings");
+  saved.sdf.steps = s.settings.sdf.steps;
+  saved.skinning.steps = s.settings.skinning.steps;
+  const auto before = nlohmann::json::parse(pretrain_settings_to_json(saved)).flatten(), now = nlohmann::json::parse(pretrain_settings_to_json(s.settings)).flatten();
+  for (const auto& [name, value] : before.items())
+    if (now.at(name) != value) throw InputError(where, "settings" + name, "what it began with, " + value.dump(), now.at(name).dump(), advice);
+  if (metadata("spec") != spec_to_json(s.avatar.spec)) throw InputError(where, "spec", "the networks that it began with", "others", advice);
+  for (const TensorSlot& slot : s.avatar.layout.slots)
+    if (slot.name.starts_with("sdf.") || slot.name.starts_with("skinning.")) s.device.upload(s.networks.parameter(slot.name), file.values<float>(slot.name, slot.shape));
+  s.sdf->load(file);
+  if (s.skinning) s.skinning->load(file);
+}
+
+bool run_pretraining(Pretraining& pretraining, const PretrainSettings& settings, const PretrainOptions& options, const std::function<bool(const PretrainEvent&)>& listen) {
+  if (options.resume) pretraining.resume(read_safetensors(options.out));
+  auto saved = std::chrono::steady_clock::now();
+  const auto learn = [&](const char* network, uint64_t steps, const std::function<uint64_t()>& done, const std::function<double()>& step) {
+    const uint64_t first = done();
+    while (done() < steps) {
+      PretrainEvent event{network, 0, steps, first, step(), false};
+      event.step = done();
+      if (std::chrono::duration<double>(std::chrono::steady_clock::now() - saved).count() >= options.save_seconds) {
+        write_safetensors(options.out, pretraining.tensors());
+        saved = std::chrono::steady_clock::now();
+        event.saved = true;
+      }
+      if (listen && !listen(event)) return false;
+    }
+    return true;
+  };
+  const bool finished = learn("skinning weights", settings.skinning.steps, [&] { return pretraining.skinning_steps(); }, [&] { return pretraining.skinning_step(); }) &&
+                        learn("SDF", settings.sdf.steps, [&] { return pretraining.sdf_steps(); }, [&] { return pretraining.sdf_step(); });
+  write_safetensors(options.out, pretraining.tensors());
+  return finished || (pretraining.skinning_steps() >= settings.skinning.steps && pretraining.sdf_steps() >= settings.sdf.steps);
+}
+
+}  // namespace arah

@@ -1,0 +1,37 @@
+// A prior: networks that were pre-trained on a family of bodies, for a training to start from. One .safetensors with the
+// tensors "sdf.*" and "skinning.*" under an avatar's names and shapes, and in the metadata "arah_prior" (the format's
+// number), "version", "spec" (prior_spec), "settings" (pretrain_settings.h), "seed", "family" (BodyFamily::description) and
+// "joints" {names, parents}. What continuing needs lies beside them (Reptile::save) and is ignored here.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "host/avatar/avatar.h"
+#include "host/avatar/safetensors.h"
+#include "host/training/pretrain_settings.h"
+
+namespace arah {
+
+struct Prior {
+  AvatarSpec spec;
+  PretrainSettings settings;
+  std::string family;                    // JSON
+  std::vector<std::string> joint_names;
+  std::vector<int> joint_parents;
+  std::string version;                   // of the program that made it
+  SafetensorsFile file;
+};
+
+// avatar: of prior_spec and with a body of the family; its sdf and skinning parameters are what is kept.
+SafetensorsFile prior_tensors(const Avatar& avatar, const PretrainSettings& settings, const std::string& family);
+
+// Throws InputError naming file and field: not a prior, a newer format, a field missing or malformed.
+Prior read_prior(const std::filesystem::path& path);
+
+// The avatar's SDF and, where it has one, its skinning network become the prior's. Throws InputError naming the file and
+// what does not fit: a size of a network (as "sdf.width"), omega, the number of joints or the joint whose name or parent
+// differs, a tensor that is missing or not finite.
+void start_from_prior(Avatar& avatar, const Prior& prior);
+
+}  // namespace arah
