@@ -95,12 +95,9 @@ std::vector<float> pose_input(const Avatar& avatar, const Pose& pose) {
   if (avatar.spec.sdf.pose == PoseConditioning::none) return {};
   const Skeleton& skeleton = avatar.body.skeleton;
   if (pose.theta.size() != skeleton.size()) throw std::invalid_argument("a pose with another number of joints than the avatar's body");
-  std::vector<float> input;
-  for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    const glm::dmat3 rotation = j == 0 ? glm::dmat3(1.0) : rotation_from_axis_angle(pose.theta[j]);
-    for (int row = 0; row < 3; ++row)
-      for (int column = 0; column < 3; ++column) input.push_back(static_cast<float>(rotation[column][row]));
-  }
+  std::vector<float> input{1, 0, 0, 0, 1, 0, 0, 0, 1};
+  const std::vector<float> rotations = joint_rotations(pose);
+  input.insert(input.end(), rotations.begin(), rotations.end());
   for (const glm::dvec3& joint : skeleton.rest_joints) {
     const glm::dvec3 n = avatar.cube.to_cube(joint);
     for (int axis = 0; axis < 3; ++axis) input.push_back(static_cast<float>(n[axis]));

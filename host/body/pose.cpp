@@ -100,4 +100,14 @@ std::vector<glm::vec3> posed_vertices(const BodyTemplate& body_template, const P
   return world;
 }
 
+std::vector<float> joint_rotations(const Pose& pose) {
+  std::vector<float> rotations;
+  for (std::size_t joint = 1; joint < pose.theta.size(); ++joint) {
+    const glm::dmat3 rotation = rotation_from_axis_angle(pose.theta[joint]);
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column) rotations.push_back(static_cast<float>(rotation[column][row]));
+  }
+  return rotations;
+}
+
 }  // namespace arah

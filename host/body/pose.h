@@ -47,4 +47,7 @@ std::vector<glm::vec3> posed_vertices(const BodyTemplate& body_template, const P
 // Linear blend skinning of the template's vertices with any per-bone transforms [J], [V].
 std::vector<glm::dvec3> skinned_vertices(const BodyTemplate& body_template, const std::vector<glm::dmat4>& transforms);
 
+// The rotations of all joints but the root, relative to their parents, row by row, [J − 1][9]: what networks read of a pose.
+std::vector<float> joint_rotations(const Pose& pose);
+
 }  // namespace arah

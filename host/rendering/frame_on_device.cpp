@@ -53,16 +53,6 @@ FrameConstants frame_constants(const CubeNormalization& cube, const std::vector<
   return constants;
 }
 
-std::vector<float> joint_rotations(const Pose& pose) {
-  std::vector<float> rotations;
-  for (size_t joint = 1; joint < pose.theta.size(); ++joint) {
-    const glm::dmat3 rotation = rotation_from_axis_angle(pose.theta[joint]);
-    for (int row = 0; row < 3; ++row)
-      for (int column = 0; column < 3; ++column) rotations.push_back(static_cast<float>(rotation[column][row]));
-  }
-  return rotations;
-}
-
 std::vector<glm::dvec3> FrameOnDevice::take_pose(Device& device, const Avatar& avatar, const Pose& pose) {
   bones_ = bone_transforms(avatar.body.skeleton, avatar.canonical, pose);
   const glm::dvec3 t = arah::root_translation(avatar.body.skeleton, pose);

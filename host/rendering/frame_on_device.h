@@ -27,8 +27,6 @@ class TemplateOnDevice {
 
 // What kernels read of a pose: bones are bone_transforms(), t root_translation().
 FrameConstants frame_constants(const CubeNormalization& cube, const std::vector<glm::dmat4>& bones, const glm::dvec3& t);
-// The rotations of all joints but the first, relative to their parents, by row: 9 numbers each.
-std::vector<float> joint_rotations(const Pose& pose);
 
 // Distances of the shell: a grid of `cell` metres over the posed vertices' box grown by `margin`.
 struct ShellSettings {

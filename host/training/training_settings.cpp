@@ -188,12 +188,13 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.latent = {.rate = 1e-3};
   s.deviation = {.rate = 1e-4, .freeze = 200};  // else b shrinks to a tenth while the shape cannot follow
   s.grid = {.rate = 1e-2};
-  s.pose_code = {.rate = 1e-4, .warm_up = 200, .max_norm = 10};
+  s.pose_code = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
   // A number of the SDF is a sum over 256 hidden values, all of them positive, whose weights Adam first moves together: 1e-6, the
   // released rate, for which the hypernetwork must be trained already, moves it by 1e-4 a step. From there the surface was lost
-  // within 100 steps in spite of the warm-up; a tenth of it keeps it (docs/decisions/pose-conditioning.md).
-  s.hyper = s.hyper_last = {.rate = 1e-7, .warm_up = 200, .max_norm = 10};
-  s.low_rank = {.rate = 1e-5, .warm_up = 200, .max_norm = 10};
+  // within 100 steps in spite of the warm-up; a tenth of it keeps it, once colours have been learnt
+  // (docs/decisions/pose-conditioning.md).
+  s.hyper = s.hyper_last = {.rate = 1e-7, .freeze = 200, .warm_up = 200, .max_norm = 10};
+  s.low_rank = {.rate = 1e-5, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.poses = {.rate = 2e-3, .freeze = 200};  // a frame has its turn some ten times; at first colours say nothing about poses
   s.poses_every = 4;                        // every other one is a step in which the skinning network learns from colours
   if (preset == "tiny") return s;
