@@ -226,6 +226,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.end_fraction = 1;
     s.fit_rate = 2e-4;
     s.minutes = 600;
+    s.checkpoint_minutes = 10;  // of 1.7 GB
     return s;
   }
   throw InputError("--preset", "", "tiny, compact or paper", "'" + preset + "'");
