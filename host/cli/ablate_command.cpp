@@ -90,14 +90,14 @@ int ablate(const Options& options) {
   const auto pending = std::count_if(study.variants.begin(), study.variants.end(), [&](const AblationVariant& variant) { return !is_finished(RunFolder(options.out / variant.name), variant.config); });
   constexpr double training = 0.85;  // of a variant's time, about; the rest is its evaluation
   double done = double(study.variants.size()) - double(pending);
-  Progress progress("ablate", double(study.variants.size()), "variants", done);
+  Progress progress("ablate", double(study.variants.size()), "", done);
   const Interrupt interrupt;
   std::vector<std::string> failed;
   for (const AblationVariant& variant : study.variants) {
     const RunFolder folder(options.out / variant.name);
     const bool finished = is_finished(folder, variant.config);
     const auto update = [&](double part, const std::string& what) {
-      progress.update(finished ? done : done + part, variant.name + ": " + what);
+      progress.update(finished ? done : done + part, fmt::format("{} ({} of {}): {}", variant.name, &variant - study.variants.data() + 1, study.variants.size(), what));
       return !interrupt.wanted();
     };
     Device device(options.device);  // one each, so that its memory is the variant's
