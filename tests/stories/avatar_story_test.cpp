@@ -348,7 +348,7 @@ TEST_F(Stories, AblationsAreComparedAndGoOn) {
   EXPECT_THAT(read_all(at("study/ablation.md")), HasSubstr("| `low_rank` |"));
   const std::string page = read_all(at("study/ablation.html"));
   std::size_t pictures = 0;
-  for (std::size_t at = page.find("data:image/png;base64,iVBOR"); at != std::string::npos; at = page.find("data:image/png;base64,iVBOR", at + 1)) ++pictures;
+  for (std::size_t found = page.find("data:image/png;base64,iVBOR"); found != std::string::npos; found = page.find("data:image/png;base64,iVBOR", found + 1)) ++pictures;
   EXPECT_EQ(pictures, 4u) << "the photograph and three renderings";
 
   const auto events = [&] {
