@@ -7,7 +7,6 @@
 #include <charconv>
 #include <cmath>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "host/cli/shader_progress.h"
 #include "host/input_error.h"
@@ -48,26 +47,6 @@ void add_memory_option(CLI::App& command, DeviceOptions& device) {
              "refused. On a CPU device this is memory of the process, beside which the program, the driver with "
              "its compiler, the template's samples and the pictures take 200M to 450M (default: as much as the presets want)")
       ->type_name("SIZE");
-}
-
-std::string with_field(const std::string& text, const std::string& assignment, const char* option, const char* example) {
-  const std::size_t equals = assignment.find('=');
-  if (equals == std::string::npos)
-    throw InputError(option, "", "NAME=VALUE", "'" + assignment + "'", fmt::format("For instance: {} {}", option, example));
-  const std::string name = assignment.substr(0, equals), value = assignment.substr(equals + 1);
-  auto json = nlohmann::ordered_json::parse(text);
-  nlohmann::ordered_json* place = &json;
-  for (std::size_t from = 0; from <= name.size();) {
-    const std::size_t to = std::min(name.find('.', from), name.size());
-    const std::string part = name.substr(from, to - from);
-    if (!place->is_object() || !place->contains(part))
-      throw InputError(option, name, "a field by its name", "no such field");
-    place = &(*place)[part];
-    from = to + 1;
-  }
-  const auto parsed = nlohmann::ordered_json::parse(value, nullptr, false);
-  *place = parsed.is_discarded() ? nlohmann::ordered_json(value) : parsed;
-  return json.dump();
 }
 
 RenderSettings QualityOptions::settings(const Avatar& avatar) const {

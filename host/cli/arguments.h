@@ -24,10 +24,6 @@ void add_memory_option(CLI::App& command, DeviceOptions& device);
 // for anything else.
 uint64_t memory_size(const std::string& text);
 
-// The JSON with one field replaced by "NAME=VALUE"; a field within a group is called "sdf.rate". VALUE is JSON, or else a
-// text. Throws InputError naming `option` for what is no assignment (with `example`) or no field.
-std::string with_field(const std::string& text, const std::string& assignment, const char* option, const char* example);
-
 // "--quality PRESET" and "--set KNOB=VALUE" (host/rendering/render_settings.h).
 struct QualityOptions {
   std::string preset = "paper";

@@ -11,6 +11,7 @@
 #include "host/cli/shader_progress.h"
 #include "host/input_error.h"
 #include "host/training/pretraining.h"
+#include "host/training/run_choice.h"
 
 namespace arah {
 namespace {

@@ -1,17 +1,13 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <memory>
-#include <nlohmann/json.hpp>
-#include <string_view>
 
-#include "host/avatar/spec_choice.h"
 #include "host/cli/arguments.h"
 #include "host/cli/command.h"
 #include "host/cli/interrupt.h"
 #include "host/cli/training_progress.h"
-#include "host/input_error.h"
+#include "host/training/run_choice.h"
 #include "host/training/training_run.h"
 
 namespace arah {
@@ -30,15 +26,6 @@ struct Options {
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
-constexpr std::string_view kOfSpec = "spec.";  // what the name of a setting of the avatar's spec begins with
-
-// The spec with the assignments to "spec.…" made, all before it is checked, since one may need another.
-AvatarSpec with_parts(const AvatarSpec& spec, const std::vector<std::string>& assignments) {
-  std::string json = spec_to_json(spec);
-  for (const std::string& assignment : assignments) json = with_field(json, assignment.substr(kOfSpec.size()), "--set spec", "spec.sdf.width=96");
-  return spec_from_json(json, "--set: spec");
-}
-
 // What the options ask for: of a new run, or on top of what a run began with.
 RunConfig resolve(const Options& options, const Capture& capture) {
   RunConfig config;
@@ -48,11 +35,9 @@ RunConfig resolve(const Options& options, const Capture& capture) {
     config.capture = capture.path;
     if (options.preset) config.settings.preset = *options.preset;
   } else {
-    const std::string preset = options.preset.value_or("tiny");
-    const SpecChoice choice = choose_spec(preset, capture_facts(capture));
-    for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
-    config = make_run_config(capture, preset_settings(preset), choice.spec);
-    config.settings.pose_refinement = choice.pose_refinement;
+    std::vector<std::string> reasons;
+    config = chosen_config(capture, options.preset.value_or("tiny"), &reasons);
+    for (const std::string& reason : reasons) fmt::print(stderr, "{}\n", reason);
   }
   TrainingSettings& settings = config.settings;
   if (options.size) settings.size = *options.size;
@@ -61,17 +46,9 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
   if (!options.disturb.empty()) settings.disturb_degrees = options.disturb[0], settings.disturb_metres = options.disturb[1];
   if (!options.prior.empty()) settings.prior = std::filesystem::absolute(options.prior).lexically_normal().string();
-  std::vector<std::string> parts;
-  for (const std::string& assignment : options.settings) {
-    if (assignment.starts_with(kOfSpec) && assignment.find('=') != std::string::npos) parts.push_back(assignment);
-    else settings = settings_from_json(with_field(settings_to_json(settings), assignment, "--set", "fit_steps=200"), "--set");
-  }
+  assign(config, options.settings, "--set");
   search_for_refinement(settings);
-  if (!parts.empty()) config.spec = with_parts(config.spec, parts);
-  for (const Camera& camera : capture.cameras)
-    if (camera.role == "train" && settings.size > camera.width)
-      throw InputError("--size", "", fmt::format("at most the {} columns of camera '{}'", camera.width, camera.name),
-                       fmt::format("{}", settings.size));
+  check_size(settings, capture);
   return config;
 }
 

@@ -71,9 +71,8 @@ std::string number(const std::optional<double>& value, int digits) {
   return value ? number(*value, digits) : "–";
 }
 
-std::string row_name(const ReportRow& row) {
-  return escape_html(row.camera) + (row.camera.empty() ? "" : " · ") + fmt::format("frame {}", row.frame);
-}
+std::string row_text(const ReportRow& row) { return row.camera + (row.camera.empty() ? "" : " · ") + fmt::format("frame {}", row.frame); }
+std::string row_name(const ReportRow& row) { return escape_html(row_text(row)); }
 
 struct Summary {
   std::string split;
@@ -219,11 +218,7 @@ std::string pictures_section(const Report& report) {
                    row_name(*row), escape_html(row->split), number(row->psnr, 2), number(row->ssim, 4),
                    row->lpips ? " · LPIPS " + number(*row->lpips, 4) : "");
     for (const ReportImage& image : row->images) {
-      const std::string label = escape_html(image.label);
-      fmt::format_to(out, "<figure><img loading=\"lazy\" alt=\"{}, {}\" src=\"data:image/png;base64,", label,
-                     row_name(*row));
-      html += base64(image.png);
-      fmt::format_to(out, "\"><figcaption>{}</figcaption></figure>\n", label);
+      html += figure_html(image, row_text(*row));
     }
     html += "</div></section>\n";
   }
@@ -242,14 +237,21 @@ std::string metrics_definition(double data_range) {
       data_range, data_range == kDataRangeOfThePaper ? " Data range 2 reproduces the paper's tables." : "");
 }
 
-std::string to_html(const Report& report) {
-  std::string html =
+std::string page_start(const std::string& title) {
+  return fmt::format(
       "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
-      "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">";
+      "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{}</title><style>{}</style></head><body><main>\n<h1>{}</h1>\n",
+      escape_html(title), kStyle, escape_html(title));
+}
+
+std::string figure_html(const ReportImage& image, const std::string& of) {
+  const std::string label = escape_html(image.label);
+  return fmt::format("<figure><img loading=\"lazy\" alt=\"{}, {}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>\n", label, escape_html(of), base64(image.png), label);
+}
+
+std::string to_html(const Report& report) {
+  std::string html = page_start(report.title);
   auto out = std::back_inserter(html);
-  fmt::format_to(out, "<title>{}</title><style>", escape_html(report.title));
-  html += kStyle;
-  fmt::format_to(out, "</style></head><body><main>\n<h1>{}</h1>\n", escape_html(report.title));
   if (!report.summary.empty()) fmt::format_to(out, "<p class=\"quiet\">{}</p>\n", escape_html(report.summary));
 
   if (!report.rows.empty()) html += summary_section(report);

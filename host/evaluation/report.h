@@ -45,4 +45,9 @@ std::string metrics_definition(double data_range);
 // asks for no other file.
 std::string to_html(const Report& report);
 
+// The beginning of such a page, with the title as its heading; what follows closes main, body and html.
+std::string page_start(const std::string& title);
+// One embedded picture with its label below; of: what it shows, for those who cannot see it.
+std::string figure_html(const ReportImage& image, const std::string& of);
+
 }  // namespace arah

@@ -127,7 +127,7 @@ RunConfig RunFolder::read_config() const {
   return config;
 }
 
-void RunFolder::reopen(const RunConfig& config) {
+void RunFolder::check_continues(const RunConfig& config) const {
   RunConfig before = read_config();
   const std::string where = config_file().string();
   if (before.fingerprint != config.fingerprint)
@@ -138,6 +138,10 @@ void RunFolder::reopen(const RunConfig& config) {
   before.settings.steps = config.settings.steps;
   before.settings.minutes = config.settings.minutes;
   require_equal(where, "settings", settings_to_json(before.settings), settings_to_json(config.settings));
+}
+
+void RunFolder::reopen(const RunConfig& config) {
+  check_continues(config);
   write_file_safely(config_file(), config_text(config));
 
   if (!fs::is_regular_file(events_file())) return;
@@ -216,6 +220,24 @@ std::optional<SafetensorsFile> RunFolder::newest_checkpoint() const {
   if (files.empty()) return std::nullopt;
   throw InputError(checkpoints().string(), "", "a checkpoint that opens", "none: " + reason,
                    "Remove them to begin again from the template.");
+}
+
+std::optional<RunEnd> run_end(const RunFolder& folder) {
+  std::optional<RunEnd> end;
+  std::ifstream file(folder.events_file());
+  for (std::string line; std::getline(file, line);) {
+    const auto json = nlohmann::json::parse(line, nullptr, false);
+    if (!json.is_object()) continue;
+    const nlohmann::json event = json.value("event", nlohmann::json());
+    if (event == "start") end.reset();
+    if (event == "end")
+      end = RunEnd{json.value("step", uint64_t{0}), json.value("seconds", 0.0), 0, json.value("stopped", true), json.value("most_memory", uint64_t{0})};
+  }
+  if (!end) return end;
+  const std::vector<LoggedStep> steps = logged_steps(folder);
+  if (!steps.empty() && steps.back().step > steps.front().step)
+    end->seconds_per_step = (steps.back().seconds - steps.front().seconds) / double(steps.back().step - steps.front().step);
+  return end;
 }
 
 std::vector<LoggedStep> logged_steps(const RunFolder& folder) {

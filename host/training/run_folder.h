@@ -54,9 +54,11 @@ class RunFolder {
   void create(const RunConfig& config);
   // Throws InputError: no such folder, no config.json, a field that is missing or wrong.
   RunConfig read_config() const;
-  // Makes `config` the one of a run that goes on. Only settings.steps, settings.minutes and the capture's place may
-  // differ from what config.json holds; InputError names the first other difference. Cuts off a line of events.jsonl
-  // that a killed process left unfinished.
+  // Only settings.steps, settings.minutes and the capture's place may differ from what config.json holds; throws InputError
+  // naming the first other difference.
+  void check_continues(const RunConfig& config) const;
+  // Makes `config` the one of a run that goes on. Throws as check_continues(). Cuts off a line of events.jsonl that a killed
+  // process left unfinished.
   void reopen(const RunConfig& config);
   // Takes back create(): removes what a run writes, and the folder if create() made it.
   void discard();
@@ -85,6 +87,18 @@ struct LoggedStep {
   double color = 0;    // unweighted colour loss
   double total = 0;    // weighted sum
 };
+
+// The "end" line of events.jsonl, with what the steps before it tell.
+struct RunEnd {
+  uint64_t step = 0;
+  double seconds = 0;           // of training
+  double seconds_per_step = 0;  // between the first and the last line of a step; 0 where there is one alone
+  bool stopped = false;         // before the end
+  uint64_t most_memory = 0;     // bytes on the device
+};
+
+// Absent where the run has not ended yet, or was started again since.
+std::optional<RunEnd> run_end(const RunFolder& folder);
 
 // In the order of the file; lines of another kind, or that a killed process left unfinished, are passed over.
 std::vector<LoggedStep> logged_steps(const RunFolder& folder);

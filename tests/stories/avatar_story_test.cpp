@@ -301,7 +301,6 @@ TEST_F(Stories, MemoryStaysBelowItsCeiling) {
   }
 }
 
-// The first start compiles and says so; the next one reads the driver's cache.
 TEST_F(Stories, PartsOfTheAvatarAreSetByName) {
   const Outcome trained = arah(training("parts_by_name", {"--steps", "2", "--size", "64", "--set", "root_correspondence=search", "--set", "spec.color.directions=canonical", "--set", "spec.color.view=true", "--set",
                                                           "spec.color.normal=true", "--set", "view_augmentation=1"}));
@@ -320,6 +319,61 @@ TEST_F(Stories, PartsOfTheAvatarAreSetByName) {
   }
 }
 
+// A study of ablations: figures and pictures of each variant; what is finished is not trained again, and other runs are not mixed in.
+TEST_F(Stories, AblationsAreComparedAndGoOn) {
+  const auto study = [](const std::vector<std::string>& more) {
+    std::vector<std::string> words{"ablate", capture(), "-o", at("study"), "--size", "64", "--every", "100", "--only", "full,low_rank,surface_rendering", "--set", "fit_steps=60", "--set", "fit_skinning_steps=30"};
+    words.insert(words.end(), more.begin(), more.end());
+    return arah(words);
+  };
+  const Outcome first = study({"--steps", "3"});
+  ASSERT_EQ(first.code, 0) << first.errors;
+  const std::string csv = read_all(at("study/ablation.csv"));
+  std::istringstream lines(csv);
+  std::vector<std::vector<std::string>> cells;
+  for (std::string line; std::getline(lines, line);) cells.push_back(comma_separated(line));
+  ASSERT_EQ(cells.size(), 4u) << csv;
+  const auto column = [&](const std::string& name) { return static_cast<std::size_t>(std::find(cells[0].begin(), cells[0].end(), name) - cells[0].begin()); };
+  for (const char* name : {"psnr_views", "psnr_novel", "surface_mm", "steps", "learned_numbers", "device_mb"}) ASSERT_LT(column(name), cells[0].size()) << name;
+  const std::vector<std::string> names{"full", "low_rank", "surface_rendering"};
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    EXPECT_EQ(cells[i + 1][0], names[i]);
+    EXPECT_GT(std::stod(cells[i + 1][column("psnr_views")]), 5.0);
+    EXPECT_GT(std::stod(cells[i + 1][column("surface_mm")]), 0.1);
+    EXPECT_EQ(cells[i + 1][column("steps")], "3");
+    EXPECT_GT(std::stod(cells[i + 1][column("device_mb")]), 1.0);
+  }
+  EXPECT_GT(std::stod(cells[2][column("learned_numbers")]), std::stod(cells[1][column("learned_numbers")]));
+  EXPECT_THAT(first.output, HasSubstr("surface_rendering"));
+  EXPECT_THAT(read_all(at("study/ablation.md")), HasSubstr("| `low_rank` |"));
+  const std::string page = read_all(at("study/ablation.html"));
+  std::size_t pictures = 0;
+  for (std::size_t found = page.find("data:image/png;base64,iVBOR"); found != std::string::npos; found = page.find("data:image/png;base64,iVBOR", found + 1)) ++pictures;
+  EXPECT_EQ(pictures, 4u) << "the photograph and three renderings";
+
+  const auto events = [&] {
+    std::string all;
+    for (const std::string& name : names) all += read_all(at("study/" + name + "/events.jsonl"));
+    return all;
+  };
+  const std::string before = events();
+  const Outcome again = study({"--steps", "3"});
+  ASSERT_EQ(again.code, 0) << again.errors;
+  EXPECT_EQ(events(), before) << "nothing was trained";
+  EXPECT_EQ(read_all(at("study/ablation.csv")), csv);
+  EXPECT_THAT(again.errors, HasSubstr("trained before"));
+  const Outcome on = study({"--steps", "4"});
+  ASSERT_EQ(on.code, 0) << on.errors;
+  EXPECT_THAT(read_all(at("study/ablation.csv")), HasSubstr(",4,"));
+  const Outcome other = study({"--steps", "4", "--seed", "5"});
+  EXPECT_EQ(other.code, 2);
+  EXPECT_THAT(other.errors, HasSubstr("settings.seed"));
+  const Outcome unknown = arah({"ablate", capture(), "-o", at("x"), "--only", "everything"});
+  EXPECT_EQ(unknown.code, 2);
+  EXPECT_THAT(unknown.errors, HasSubstr("no_conditioning"));
+}
+
+// The first start compiles and says so; the next one reads the driver's cache.
 TEST_F(Stories, TheSecondStartIsQuick) {
   ASSERT_EQ(arah(training("start", {"--steps", "1"})).code, 0);
   const std::string cache = at("shader-cache");
@@ -460,7 +514,7 @@ TEST_F(Stories, WrongCallsAreExplained) {
     EXPECT_THAT(outcome.errors, HasSubstr("arah: "));
     EXPECT_FALSE(fs::exists(at("x")) || fs::exists(at("y")) || fs::exists(at("y.png")));
   }
-  for (const char* word : {"bench", "demo", "devices", "evaluate", "inspect", "pretrain", "render", "synth", "tradeoff",
+  for (const char* word : {"ablate", "bench", "demo", "devices", "evaluate", "inspect", "pretrain", "render", "synth", "tradeoff",
                            "train"}) {
     const Outcome help = arah({word, "--help"});
     EXPECT_EQ(help.code, 0);
