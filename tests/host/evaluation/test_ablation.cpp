@@ -38,7 +38,9 @@ TEST(Ablation, EveryVariantIsValidForEveryPreset) {
         check_settings(variant.config.settings, variant.config.spec, variant.name);
         EXPECT_EQ(settings_to_json(settings_from_json(settings_to_json(variant.config.settings), variant.name)), settings_to_json(variant.config.settings));
         EXPECT_EQ(spec_from_json(spec_to_json(variant.config.spec), variant.name), variant.config.spec);
-        if (variant.config.settings.pose_refinement) EXPECT_NE(variant.config.spec.skinning.kind, Skinning::none);
+        if (variant.config.settings.pose_refinement) {
+          EXPECT_NE(variant.config.spec.skinning.kind, Skinning::none);
+        }
       }
     }
   }
@@ -48,20 +50,36 @@ TEST(Ablation, AVariantIsItsAssignments) {
   const CaptureFacts facts{12, 9, 24, false, true};
   const Ablation tiny = ablation(full_of("tiny", facts), facts, "some.safetensors");
   for (const AblationVariant& v : tiny.variants) {
-    if (v.name == "hypernetwork") EXPECT_EQ(v.config.spec.sdf.pose_width, 64u);
-    if (v.name == "low_rank") EXPECT_EQ(v.config.spec.sdf.pose, PoseConditioning::low_rank);
-    if (v.name == "no_latent") EXPECT_EQ(v.config.spec.latent_size, 0u);
-    if (v.name == "several_starts") EXPECT_EQ(v.config.settings.sampling.root.initialisations, 3u);
-    if (v.name == "refined_poses") EXPECT_EQ(v.config.settings.sampling.root.correspondence, Correspondence::search_from_grid);
-    if (v.name == "prior") EXPECT_EQ(v.config.settings.prior, "some.safetensors");
+    if (v.name == "hypernetwork") {
+      EXPECT_EQ(v.config.spec.sdf.pose_width, 64u);
+    }
+    if (v.name == "low_rank") {
+      EXPECT_EQ(v.config.spec.sdf.pose, PoseConditioning::low_rank);
+    }
+    if (v.name == "no_latent") {
+      EXPECT_EQ(v.config.spec.latent_size, 0u);
+    }
+    if (v.name == "several_starts") {
+      EXPECT_EQ(v.config.settings.sampling.root.initialisations, 3u);
+    }
+    if (v.name == "refined_poses") {
+      EXPECT_EQ(v.config.settings.sampling.root.correspondence, Correspondence::search_from_grid);
+    }
+    if (v.name == "prior") {
+      EXPECT_EQ(v.config.settings.prior, "some.safetensors");
+    }
   }
   EXPECT_THAT(tiny.left_out, Contains(Pair("no_conditioning", "the same training as full")));
   const Ablation paper = ablation(full_of("paper", facts), facts);
   EXPECT_THAT(names_of(paper), Contains("no_conditioning"));
   EXPECT_THAT(paper.left_out, Contains(Pair("prior", "no --prior was given")));
   for (const AblationVariant& v : paper.variants) {
-    if (v.name == "hypernetwork") EXPECT_EQ(v.config.spec.sdf.pose_width, 256u);
-    if (v.name == "density") EXPECT_EQ(v.config.settings.sampling.mode, SamplingMode::shell);
+    if (v.name == "hypernetwork") {
+      EXPECT_EQ(v.config.spec.sdf.pose_width, 256u);
+    }
+    if (v.name == "density") {
+      EXPECT_EQ(v.config.settings.sampling.mode, SamplingMode::shell);
+    }
   }
 }
 
