@@ -15,12 +15,14 @@ constexpr std::size_t kFewestCamerasForView = 10;
 constexpr const char* kTrainingSplit = "train";
 constexpr const char* kTrainingRole = "train";
 
-// Whether the capture's own description says "poses": "exact"; captures without one hold estimates.
-bool states_exact_poses(const Capture& capture) {
-  const std::filesystem::path description = capture.path / "synthetic.json";
-  if (!std::filesystem::is_regular_file(description)) return false;
-  const nlohmann::json stated = read_json(description);
-  return stated.is_object() && stated.value("poses", nlohmann::json()) == "exact";
+// What the capture itself says of its poses, "exact" or "estimated"; null where it says nothing.
+nlohmann::json stated_poses(const Capture& capture) {
+  for (const char* file : {"synthetic.json", "motion_train.json"}) {
+    if (!std::filesystem::is_regular_file(capture.path / file)) continue;
+    const nlohmann::json stated = read_json(capture.path / file);
+    if (stated.is_object() && stated.contains("poses")) return stated["poses"];
+  }
+  return {};
 }
 
 std::string plural(std::size_t count, const char* noun) {
@@ -65,7 +67,9 @@ CaptureFacts capture_facts(const Capture& capture) {
   const Pose& first = find_frame(motion, frames.front())->pose;
   facts.single_pose = std::all_of(frames.begin(), frames.end(),
                                   [&](int number) { return find_frame(motion, number)->pose.theta == first.theta; });
-  facts.exact_poses = states_exact_poses(capture);
+  const nlohmann::json poses = stated_poses(capture);
+  facts.exact_poses = poses == "exact";
+  facts.estimated_poses = poses == "estimated";
   return facts;
 }
 
@@ -137,11 +141,13 @@ SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
   say("colour feature grid",
       spec.grid_cells.empty() ? "off" : fmt::format("cells of {} m", fmt::join(spec.grid_cells, " and ")),
       spec.grid_cells.empty() ? preset_has_none : preset_has_it);
-  choice.pose_refinement = !facts.exact_poses && spec.skinning.kind != Skinning::none;
+  // Poses that are right would be moved by millimetres, and every step would take twice as long: only where it is asked for.
+  choice.pose_refinement = facts.estimated_poses && spec.skinning.kind != Skinning::none;
   say("pose refinement", choice.pose_refinement ? "on" : "off",
-      choice.pose_refinement ? "the capture does not state that its poses are exact"
-      : facts.exact_poses    ? "the capture states that its poses are exact"
-                             : "there is one pose, which is the canonical one");
+      choice.pose_refinement                     ? "the capture states that its poses are estimates"
+      : facts.exact_poses                        ? "the capture states that its poses are exact"
+      : spec.skinning.kind == Skinning::none     ? "there is one pose, which is the canonical one"
+                                                 : "the capture does not state whether its poses are estimates (--set pose_refinement=true if they are)");
   validate_spec(spec, "chosen spec");
   return choice;
 }

@@ -19,10 +19,11 @@ struct CaptureFacts {
   std::size_t training_frames = 0;
   std::size_t joints = 0;
   bool single_pose = false;  // all training frames have the same rotations (the root may move)
-  bool exact_poses = false;  // the capture states that its poses are the truth, not estimates
+  bool exact_poses = false;  // the capture states that its poses are the truth
+  bool estimated_poses = false;  // it states that they are estimates; else it says nothing of them
 };
 
-// Looks at file names, poses and synthetic.json, not into pictures. Throws as training_frames() does.
+// Looks at file names, poses, and what synthetic.json or motion_train.json state as "poses", not into pictures. Throws as training_frames() does.
 CaptureFacts capture_facts(const Capture& capture);
 
 struct SpecChoice {

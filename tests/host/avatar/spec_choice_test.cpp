@@ -56,11 +56,15 @@ TEST(ChooseSpec, OneJointNeedsNoNetwork) {
   EXPECT_EQ(choose_spec("tiny", {4, 9, 1, false, false}).spec.skinning.kind, Skinning::template_weights);
 }
 
-TEST(ChooseSpec, RefinesPosesThatAreNotStatedToBeExact) {
-  const SpecChoice estimates = choose_spec("tiny", kStudio), exact = choose_spec("tiny", kHome), still = choose_spec("tiny", {12, 9, 24, true, false});
+TEST(ChooseSpec, RefinesPosesThatAreStatedToBeEstimates) {
+  CaptureFacts estimated = kStudio;
+  estimated.estimated_poses = true;
+  const SpecChoice estimates = choose_spec("tiny", estimated), exact = choose_spec("tiny", kHome), unknown = choose_spec("tiny", kStudio), still = choose_spec("tiny", {12, 9, 24, true, false});
   EXPECT_TRUE(estimates.pose_refinement);
-  EXPECT_THAT(estimates.reasons, Contains("pose refinement: on, because the capture does not state that its poses are exact"));
+  EXPECT_THAT(estimates.reasons, Contains("pose refinement: on, because the capture states that its poses are estimates"));
   EXPECT_FALSE(exact.pose_refinement);
+  EXPECT_FALSE(unknown.pose_refinement);
+  EXPECT_THAT(unknown.reasons, Contains(HasSubstr("--set pose_refinement=true")));
   EXPECT_FALSE(still.pose_refinement);
   EXPECT_THAT(still.reasons, Contains("pose refinement: off, because there is one pose, which is the canonical one"));
 }
@@ -112,6 +116,7 @@ TEST_F(Facts, CountOnlyWhatTrainingCamerasSee) {
   EXPECT_EQ(facts.joints, 3u);
   EXPECT_TRUE(facts.single_pose);
   EXPECT_FALSE(facts.exact_poses);
+  EXPECT_FALSE(facts.estimated_poses) << "nothing is said of them";
 }
 
 TEST_F(Facts, ASecondPoseCountsOnlyWherePicturesShowIt) {
@@ -129,8 +134,10 @@ TEST_F(Facts, ExactPosesAreStated) {
   picture(0, 3);
   folder.write("synthetic.json", R"({"poses": "estimated"})");
   EXPECT_FALSE(capture_facts(capture).exact_poses);
+  EXPECT_TRUE(capture_facts(capture).estimated_poses);
   folder.write("synthetic.json", R"({"poses": "exact"})");
   EXPECT_TRUE(capture_facts(capture).exact_poses);
+  EXPECT_FALSE(capture_facts(capture).estimated_poses);
 }
 
 TEST_F(Facts, WithoutATrainingPictureThereIsNothingToLearn) {
