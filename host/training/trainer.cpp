@@ -16,11 +16,7 @@
 #include "host/rendering/memory_plan.h"
 #include "host/training/view_augmentation.h"
 #include "kernels/compositing/backward.h"
-#include "kernels/losses/eikonal.h"
 #include "kernels/losses/image.h"
-#include "kernels/losses/sdf_penalty.h"
-#include "kernels/optimizer/clip_scale.h"
-#include "kernels/optimizer/sum_of_squares.h"
 #include "kernels/reduction/sum.h"
 
 namespace arah {
@@ -28,9 +24,6 @@ namespace {
 
 // Slots of the losses buffer; the image and the mask loss fill two each.
 enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, parameter_slot, mask_slot, mask_alpha_slot, loss_slots };
-
-// Fixed-point unit of the grid's gradient: contributions of a loss over R rays are about 1 / R (kernels/color/feature_grid.h).
-float grid_scale(const TrainingSettings& settings) { return static_cast<float>(all_rays(settings)) * 4096.0f; }
 
 // Nodes of a frame's grid that are searched at a time: a frame has some 20,000.
 constexpr uint32_t grid_nodes_at_a_time = 32768;
@@ -75,13 +68,11 @@ uint32_t mask_rays_of_a_pass(Device& device, const AvatarSpec& spec, const Train
 }  // namespace
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
-    : samples(device, networks, pass_rays, settings.color_sampling()),
+    : updates(device, networks, settings),
+      samples(device, networks, pass_rays, settings.color_sampling()),
       shaded(device, networks, pass_rays, settings.color_sampling().samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
   check_settings(settings, networks.spec(), "training");
-  if (networks.spec().sdf.kind == FieldKind::sdf) {
-    eikonal_tape.emplace(device, "eikonal points", networks.sdf_shape(), settings.eikonal_points, SirenTape::Holds::second_order);
-    sign_tape.emplace(device, "points inside and outside", networks.sdf_shape(), padded_points(settings.off_surface_points) + padded_points(settings.inside_points), SirenTape::Holds::first_order);
-  }
+  if (networks.spec().sdf.kind == FieldKind::sdf) regularisers.emplace(device, networks, settings);
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * samples.samples());
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
   if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
@@ -104,11 +95,6 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
     commands.submit_and_wait();
     return buffer;
   };
-  const ParameterLayout& layout = networks.layout();
-  first_moments = make("first moments", layout.floats * 4);
-  second_moments = make("second moments", layout.floats * 4);
-  averages = make("averaged parameters", layout.floats * 4);
-  grid_sums = make("sums of the grid's gradient", std::max<uint64_t>(layout.group("grid").size() * 4, 256));
   grid_clamped = make("count of clamped gradients", 4, BufferPlace::shared);
   losses = make("losses", loss_slots * 4, BufferPlace::shared);
   const uint64_t pictures = uint64_t(settings.frames_per_step) * settings.pictures_per_frame;
@@ -116,9 +102,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   if (settings.ray_importance > 0) ray_weights = make("weights of rays", pictures * padded_points(settings.rays) * 4ull);
   d_colors = make("gradient of colours", rays * 16ull);
   partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
-  squares = make("partial sums of squares", squares_partials(layout.floats) * sizeof(shared::SquaresPartial));
-  norms = make("norms of gradients", layout.groups.size() * sizeof(shared::GradientNorm), BufferPlace::shared);
-  scratch = make("partial sums of weight gradients", 4 * std::max({networks.sdf().weight_gradient_scratch(eikonal_tape ? eikonal_tape->capacity() : 1), networks.sdf().weight_gradient_scratch(sign_tape ? sign_tape->capacity() : 1),
+  scratch = make("partial sums of weight gradients", 4 * std::max({regularisers ? regularisers->scratch_floats() : 64,
                                                                    skinning ? skinning->scratch_floats() : 64, mask_loss ? mask_loss->scratch_floats() : 64, shaded.field().scratch_floats()}));
 }
 
@@ -144,13 +128,9 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
     if (with_grids() && from != Correspondence::search_from_grid) throw InputError("settings", "root_correspondence", "search or search_from_grid with pose_refinement", to_string(from));
     refinement_.emplace(avatar_, images_.poses());
   }
-  device.upload(room_.averages.slice(), avatar_.parameters);
-  const std::map<std::string, const GroupSettings*> by_name{{"sdf", &settings_.sdf},       {"mapping", &settings_.mapping}, {"skinning", &settings_.skinning}, {"color", &settings_.color},
-                                                            {"latent", &settings_.latent}, {"deviation", &settings_.deviation}, {"grid", &settings_.grid},
-                                                            {"pose_code", &settings_.pose_code}, {"hyper", &settings_.hyper}, {"low_rank", &settings_.low_rank}, {"hyper_last", &settings_.hyper_last}};
+  room_.updates.start(avatar_.parameters);
   if (const size_t frames = pictured_frames().size(); settings_.frames_per_step > frames)
     throw InputError("settings", "frames_per_step", fmt::format("at most the {} training frames", frames), fmt::format("{}", settings_.frames_per_step));
-  for (const ParameterGroup& group : networks_.layout().groups) groups_.push_back({group.name, by_name.at(group.name), group.begin, group.end, 0});
 }
 
 uint32_t Trainer::planned_rays() {
@@ -296,146 +276,6 @@ void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
   }
 }
 
-void Trainer::upload_regulariser_points(uint32_t frame_of_step) {
-  if (!room_.eikonal_tape) return;
-  std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1 + 16 * frame_of_step);
-  std::uniform_real_distribution<float> cube(-1, 1);
-  auto pick = [&](const std::vector<glm::vec3>& pool) { return pool[std::uniform_int_distribution<size_t>(0, pool.size() - 1)(generator)]; };
-  auto put = [](std::vector<float>& rows, size_t row, const glm::vec3& n) {
-    for (int axis = 0; axis < 3; ++axis) rows[row * channel_padding + static_cast<size_t>(axis)] = n[axis];
-  };
-  std::vector<float> eikonal(size_t(room_.eikonal_tape->capacity()) * channel_padding, 0.0f), sign(size_t(room_.sign_tape->capacity()) * channel_padding, 0.0f);
-  for (uint32_t i = 0; i < settings_.eikonal_points; ++i) {
-    const float x = cube(generator), y = cube(generator), z = cube(generator);
-    put(eikonal, i, {x, y, z});
-  }
-  for (uint32_t i = 0; i < settings_.off_surface_points; ++i) put(sign, i, avatar_.cube.to_cube(pick(template_samples_.off_surface)));
-  for (uint32_t i = 0; i < settings_.inside_points; ++i) put(sign, padded_points(settings_.off_surface_points) + i, avatar_.cube.to_cube(pick(template_samples_.inside)));
-  device_.upload(room_.eikonal_tape->input().slice, eikonal);
-  device_.upload(room_.sign_tape->input().slice, sign);
-}
-
-void Trainer::record_regularisers() {
-  if (!room_.eikonal_tape) return;
-  // Weight · ½ · mean: the paper's normalisation by its 2,048 rays at 1,024 points. Of several frames each has its part.
-  const float frames = static_cast<float>(settings_.frames_per_step);
-  const PointRange eikonal{settings_.eikonal_points, {}};
-  networks_.sdf().record_forward(commands_, *room_.eikonal_tape, eikonal, true);
-  networks_.sdf().record_gradient(commands_, *room_.eikonal_tape, eikonal, true);
-  EikonalLossArgs loss;
-  loss.points = settings_.eikonal_points;
-  loss.normaliser = 2.0f * float(settings_.eikonal_points) * frames;
-  loss.weight = static_cast<float>(settings_.eikonal_weight);
-  loss.gradients = room_.eikonal_tape->gradient();
-  loss.d_gradients = room_.eikonal_tape->gradient_cotangent();
-  loss.losses = room_.losses.slice();
-  loss.slot = eikonal_slot;
-  loss.partials = room_.partials.slice();
-  record_eikonal_loss(commands_, loss);
-  Siren::Backward backward;
-  backward.gradient = true;
-  backward.accumulate = true;
-  backward.scratch = room_.scratch.slice();
-  networks_.sdf().record_backward(commands_, *room_.eikonal_tape, eikonal, backward);
-
-  const uint32_t inside_first = padded_points(settings_.off_surface_points);
-  const PointRange sign{inside_first + settings_.inside_points, {}};
-  networks_.sdf().record_forward(commands_, *room_.sign_tape, sign, true);
-  auto penalty = [&](SdfPenalty kind, uint32_t first, uint32_t points, double weight, LossSlot slot) {
-    SdfPenaltyArgs args;
-    args.penalty = kind;
-    args.points = points;
-    args.normaliser = 2.0f * float(points) * frames;
-    args.weight = static_cast<float>(weight);
-    args.sdf = room_.sign_tape->sdf().rows_from(first);
-    args.d_sdf = room_.sign_tape->sdf_cotangent().rows_from(first);
-    args.losses = room_.losses.slice();
-    args.slot = slot;
-    args.partials = room_.partials.slice();
-    record_sdf_penalty(commands_, args);
-  };
-  penalty(SdfPenalty::off_surface, 0, settings_.off_surface_points, settings_.off_surface_weight, off_surface_slot);
-  penalty(SdfPenalty::inside, inside_first, settings_.inside_points, settings_.inside_weight, inside_slot);
-  backward.gradient = false;
-  networks_.sdf().record_backward(commands_, *room_.sign_tape, sign, backward);
-}
-
-AdamArgs Trainer::adam_args(Group& group, double factor) const {
-  AdamArgs adam;
-  adam.step = static_cast<uint32_t>(group.updates);
-  adam.rate = group.settings->rate * factor;
-  adam.weight_decay = group.settings->weight_decay;
-  // A short memory at first: the average must not hold on to where it started.
-  adam.average_decay = std::min(settings_.average_decay, double(1 + group.updates) / double(10 + group.updates));
-  return adam;
-}
-
-void Trainer::record_update(Group& group, size_t index) {
-  const bool grid = group.name == "grid";
-  const uint64_t count = group.end - group.begin;
-  const BufferSlice gradients = grid ? room_.grid_sums.slice().elements(0, count) : networks_.gradients().elements(group.begin, count);
-  if (!grid) {
-    record_sum_of_squares(commands_, {gradients, room_.squares.slice(), 0});
-    record_clip_scale(commands_, {squares_partials(count), room_.squares.slice(), static_cast<float>(group.settings->max_norm), room_.norms.slice(), static_cast<uint32_t>(index)});
-  }
-  const double factor = rate_factor(*group.settings, settings_, steps_, done_);
-  if (factor == 0) {
-    if (grid) commands_.fill(room_.grid_sums.slice(), 0);
-    return;
-  }
-  group.updates += 1;
-  AdamArgs adam = adam_args(group, factor);
-  adam.parameters = networks_.parameters().elements(group.begin, count);
-  adam.gradients = gradients;
-  adam.first_moments = room_.first_moments.slice().elements(group.begin, count);
-  adam.second_moments = room_.second_moments.slice().elements(group.begin, count);
-  adam.averages = room_.averages.slice().elements(group.begin, count);
-  if (grid) {
-    adam.lazy = true;
-    adam.gradient_unit = 1.0f / grid_scale(settings_);
-  } else {
-    adam.norms = room_.norms.slice();
-    adam.norm_index = static_cast<uint32_t>(index);
-  }
-  record_adam(commands_, adam);
-}
-
-void Trainer::record_hyper_last_update(Group& group, size_t index) {
-  const uint32_t frames = settings_.frames_per_step;
-  PoseNetworks& networks = networks_.pose_networks();
-  struct Part {
-    std::string slot;
-    OuterProduct gradient;
-  };
-  std::vector<Part> parts;
-  for (uint32_t l = 0; l < networks.shape().layers.size(); ++l) {
-    parts.push_back({fmt::format("hyper_last.{}.W", l), networks.dense_w_gradient(l, frames)});
-    parts.push_back({fmt::format("hyper_last.{}.b", l), networks.dense_b_gradient(l, frames)});
-  }
-  uint32_t partials = 0;
-  for (const Part& part : parts) {
-    record_outer_norm(commands_, part.gradient, room_.squares.slice(), partials);
-    partials += outer_partials(frames);
-  }
-  record_clip_scale(commands_, {partials, room_.squares.slice(), static_cast<float>(group.settings->max_norm), room_.norms.slice(), static_cast<uint32_t>(index)});
-  const double factor = rate_factor(*group.settings, settings_, steps_, done_);
-  if (factor == 0) return;
-  group.updates += 1;
-  for (const Part& part : parts) {
-    AdamArgs adam = adam_args(group, factor);
-    const TensorSlot& slot = networks_.layout().slot(part.slot);
-    const auto range = [&](const BufferSlice& of) { return of.elements(slot.offset, (slot.count + kSlotAlignment - 1) / kSlotAlignment * kSlotAlignment); };
-    adam.parameters = range(networks_.parameters());
-    adam.first_moments = range(room_.first_moments.slice());
-    adam.second_moments = range(room_.second_moments.slice());
-    adam.averages = range(room_.averages.slice());
-    adam.outer = part.gradient;
-    adam.norms = room_.norms.slice();
-    adam.norm_index = static_cast<uint32_t>(index);
-    record_adam(commands_, adam);
-  }
-}
-
 void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step) {
   const RootFindingCounts counts = room_.samples.root_finder().counts();
   room_.samples.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
@@ -488,8 +328,8 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   Field::Backward field_back;
   field_back.accumulate = accumulate;
   field_back.position = skinning_step || pose_step_ || room_.surface_gradient;
-  field_back.grid_scale = grid_scale(settings_);
-  field_back.grid_sums = room_.grid_sums.slice();
+  field_back.grid_scale = room_.updates.grid_scale();
+  field_back.grid_sums = room_.updates.grid_sums();
   field_back.grid_clamped = room_.grid_clamped.slice();
   field.record_backward(commands_, room_.shaded.inputs(), field_back);
   commands_.stage("skinning backward");
@@ -524,7 +364,10 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
   const size_t number = batches[0].place.frame;
   FrameOnDevice& frame = images_.frame(number);
   const std::size_t row = avatar_.spec.latent_size ? latent_row(avatar_, images_.frame_number(number)) : 0;
-  upload_regulariser_points(frame_of_step);
+  if (room_.regularisers) {
+    std::mt19937_64 generator = step_generator(settings_.seed, steps_, 1 + 16 * frame_of_step);
+    room_.regularisers->draw(template_samples_, generator);
+  }
   commands_.stage("weights");
   networks_.record_pose(commands_, frame.joint_rotations());
   networks_.record_pack(commands_, row, draw_pose_input(number, frame_of_step));
@@ -547,7 +390,7 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
     if (room_.mask_loss) record_mask_loss_of(frame, batch, hits, skinning_step);
   }
   commands_.stage("regularisers");
-  record_regularisers();
+  if (room_.regularisers) room_.regularisers->record(commands_, room_.losses.slice(), {eikonal_slot, off_surface_slot, inside_slot}, room_.partials.slice(), room_.scratch.slice());
   // Of the body, not of a frame: once a step.
   if (skinning_step && frame_of_step == 0) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
   commands_.stage("weights");
@@ -587,18 +430,9 @@ StepReport Trainer::step(uint64_t steps_left) {
     pose_gradients.push_back({room_.pose_gradient->download(), networks_.download_pose_gradient(device_)});
   }
   commands_.stage("optimiser");
-  for (size_t g = 0; g < groups_.size(); ++g) {
-    if (groups_[g].begin == groups_[g].end || (groups_[g].name == "skinning" && !skinning_step)) continue;
-    if (groups_[g].name == "hyper_last") record_hyper_last_update(groups_[g], g);
-    else record_update(groups_[g], g);
-  }
+  room_.updates.record(commands_, steps_, done_, skinning_step);
   commands_.submit_and_wait();
-
-  // A group whose gradient is not finite was left alone by Adam; training must not go on as if nothing were.
-  const auto norms = device_.download<shared::GradientNorm>(room_.norms.slice().sub(0, groups_.size() * sizeof(shared::GradientNorm)));
-  for (size_t g = 0; g < groups_.size(); ++g)
-    if (norms[g].nonfinite)
-      throw std::runtime_error(fmt::format("training step {}: {} numbers of the gradient of '{}' are NaN or infinite", steps_ + 1, norms[g].nonfinite, groups_[g].name));
+  room_.updates.check(steps_ + 1);  // training must not go on as if nothing were
 
   for (size_t f = 0; f < pose_gradients.size(); ++f) {
     const size_t frame = frames[f][0].place.frame;
@@ -624,7 +458,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   }
   report.total += settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
                   settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning + settings_.parameter_weight * report.parameters;
-  report.sdf_norm = norms[0].norm;
+  report.sdf_norm = room_.updates.sdf_norm();
   const RootFindingCounts counts = (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts();
   report.shaded = double(shaded_samples_) / double(uint64_t(room_.samples.rows(settings_.rays)) * settings_.frames_per_step * settings_.pictures_per_frame);
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
@@ -640,7 +474,7 @@ StepReport Trainer::step(uint64_t steps_left) {
 
 Avatar Trainer::avatar() {
   Avatar result = avatar_;
-  result.parameters = device_.download<float>((settings_.average_decay > 0 ? room_.averages.slice() : networks_.parameters()).elements(0, networks_.layout().floats));
+  result.parameters = device_.download<float>((settings_.average_decay > 0 ? room_.updates.averages() : networks_.parameters()).elements(0, networks_.layout().floats));
   // Kernels read |b| clipped to [1e-6, 1e6] metres, so training may let b change its sign; an avatar holds it above 0.
   float& b = result.tensor("b")[0];
   b = std::max(std::abs(b), 1e-6f);
@@ -658,15 +492,7 @@ Avatar Trainer::avatar() {
 
 SafetensorsFile Trainer::checkpoint() {
   SafetensorsFile file = avatar_tensors(avatar());
-  const auto floats = static_cast<int64_t>(networks_.layout().floats);
-  auto put = [&](const char* name, const BufferSlice& slice) { file.tensors[name] = Tensor::from<float>({floats}, device_.download<float>(slice.elements(0, networks_.layout().floats))); };
-  put("optimizer.parameters", networks_.parameters());
-  put("optimizer.averages", room_.averages.slice());
-  put("optimizer.first_moments", room_.first_moments.slice());
-  put("optimizer.second_moments", room_.second_moments.slice());
-  std::vector<int64_t> updates;
-  for (const Group& group : groups_) updates.push_back(static_cast<int64_t>(group.updates));
-  file.tensors["optimizer.updates"] = Tensor::from<int64_t>({static_cast<int64_t>(updates.size())}, updates);
+  room_.updates.save(file);
   if (!grid_parameters_.empty()) file.tensors["training.grid_parameters"] = Tensor::from<float>({static_cast<int64_t>(grid_parameters_.size())}, grid_parameters_);
   if (settings_.ray_importance > 0) importance_.save(file, images_.places().size());
   if (refinement_) {
@@ -682,14 +508,7 @@ SafetensorsFile Trainer::checkpoint() {
 void Trainer::resume(const SafetensorsFile& file) {
   const Avatar saved = avatar_from_tensors(file);
   if (!(saved.layout == avatar_.layout)) throw InputError(file.path.string(), "spec", "the avatar that this training is about", "one with other parts or sizes");
-  const auto floats = static_cast<int64_t>(networks_.layout().floats);
-  auto take = [&](const char* name, const BufferSlice& slice) { device_.upload(slice, file.values<float>(name, {floats})); };
-  take("optimizer.parameters", networks_.parameters());
-  take("optimizer.averages", room_.averages.slice());
-  take("optimizer.first_moments", room_.first_moments.slice());
-  take("optimizer.second_moments", room_.second_moments.slice());
-  const auto updates = file.values<int64_t>("optimizer.updates", {static_cast<int64_t>(groups_.size())});
-  for (size_t g = 0; g < groups_.size(); ++g) groups_[g].updates = static_cast<uint64_t>(updates[g]);
+  room_.updates.load(file);
   done_ = file.values<double>("training.done", {})[0];
   last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
   steps_ = saved.steps;

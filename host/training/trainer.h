@@ -11,15 +11,16 @@
 #include "host/avatar/safetensors.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/training/parameter_updates.h"
 #include "host/training/pose_refinement.h"
 #include "host/training/mask_loss.h"
 #include "host/training/ray_importance.h"
+#include "host/training/sdf_regularisers.h"
 #include "host/training/skinning_gradient.h"
 #include "host/training/surface_gradient.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
 #include "host/training/training_settings.h"
-#include "kernels/optimizer/adam.h"
 
 namespace arah {
 
@@ -65,12 +66,6 @@ class Trainer {
   void resume(const SafetensorsFile& file);
 
  private:
-  struct Group {
-    std::string name;
-    const GroupSettings* settings = nullptr;
-    uint64_t begin = 0, end = 0;  // floats
-    uint64_t updates = 0;         // Adam's t
-  };
   struct Batch {
     TrainingImages::Place place;
     size_t number = 0;  // of the place
@@ -86,17 +81,17 @@ class Trainer {
   // What a step works in beside the networks, for so many rays of a pass.
   struct Room {
     Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays);
+    ParameterUpdates updates;
     RaySamples samples;
     ShadedRays shaded;
     std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
-    std::optional<SirenTape> eikonal_tape, sign_tape;  // where there is a surface
+    std::optional<SdfRegularisers> regularisers;  // where there is a surface
     std::optional<SkinningGradient> skinning;
     std::optional<PoseGradient> pose_gradient;  // where poses are refined
     std::optional<SurfaceGradient> surface_gradient;  // of surface rendering
     std::optional<MaskLoss> mask_loss;
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
-    Buffer first_moments, second_moments, averages;     // of the parameters
-    Buffer grid_sums, grid_clamped, squares, norms;     // of the gradients
+    Buffer grid_clamped;  // how many contributions to the grid's gradient were
     Buffer losses, targets, d_colors, partials, scratch;
     Buffer ray_weights;  // where rays are drawn by importance
   };
@@ -122,21 +117,15 @@ class Trainer {
   void draw_by_importance(Batch& batch, const TrainingImage& image, std::mt19937_64& generator);
   // Notes how far the colours of `rays` of the batch's rays, from `first` on, are from the photograph. Submits.
   void note_errors(const Batch& batch, uint32_t first, uint32_t rays);
-  void upload_regulariser_points(uint32_t frame_of_step);
   // Losses and gradients of `rays` of the batch's, from `first` on, in halves where more of their samples are to be shaded than
   // there is room for: losses and raw gradients +=, effective weight gradients = from the batch's first ray on and += later.
   // Submits, and leaves the last launches recorded.
   void run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step);
-  void record_regularisers();
   // Of surface rendering: whether the ray misses the surface or the person, and the loss of those that do. Submits.
   static bool of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray);
   void record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step);
   // Losses and raw gradients (+=) of one frame's pictures.
   void run_frame(const std::vector<Batch>& batches, uint32_t frame_of_step, bool skinning_step);
-  void record_update(Group& group, size_t index);
-  // Of the group whose gradients are outer products.
-  void record_hyper_last_update(Group& group, size_t index);
-  AdamArgs adam_args(Group& group, double factor) const;
 
   Device& device_;
   Avatar avatar_;
@@ -149,7 +138,6 @@ class Trainer {
   uint32_t pass_rays_;
   AvatarNetworks networks_;
   Room room_;
-  std::vector<Group> groups_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
   bool pose_step_ = false;       // whether the step moves its frame's pose
   std::optional<std::array<float, 9>> view_rotation_;  // of the step's view directions

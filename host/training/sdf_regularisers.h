@@ -1,0 +1,34 @@
+// The terms that keep the SDF a distance (ARAH.md §7): of unit slope everywhere, positive well outside the template and negative
+// well inside it.
+#pragma once
+
+#include <random>
+
+#include "host/rendering/avatar_networks.h"
+#include "host/training/template_samples.h"
+#include "host/training/training_settings.h"
+
+namespace arah {
+
+class SdfRegularisers {
+ public:
+  // settings must outlive this.
+  SdfRegularisers(Device& device, AvatarNetworks& networks, const TrainingSettings& settings);
+
+  // Uploads a step's points.
+  void draw(const TemplateSamples& samples, std::mt19937_64& generator);
+  // losses: the unweighted values += at these slots; effective weight gradients of the SDF +=. partials, scratch: shared with others.
+  struct Slots {
+    uint32_t eikonal, off_surface, inside;
+  };
+  void record(Commands& commands, const BufferSlice& losses, const Slots& slots, const BufferSlice& partials, const BufferSlice& scratch);
+  uint64_t scratch_floats() const;
+
+ private:
+  Device& device_;
+  AvatarNetworks& networks_;
+  const TrainingSettings& settings_;
+  SirenTape eikonal_tape_, sign_tape_;
+};
+
+}  // namespace arah
