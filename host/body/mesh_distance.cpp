@@ -25,6 +25,7 @@ namespace {
 // Barycentric coordinates of the point of triangle abc that is closest to p: Ericson, Real-Time Collision Detection, §5.1.5
 // (the region of p among vertices, edges and face decides).
 glm::dvec3 closest_barycentric(const glm::dvec3& p, const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c) {
+  const auto part = [](double from, double length) { return length > 0 ? from / length : 0; };  // of an edge; of one without length its start
   const glm::dvec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = glm::dot(ab, ap), d2 = glm::dot(ac, ap);
   if (d1 <= 0 && d2 <= 0) return {1, 0, 0};
@@ -33,7 +34,7 @@ glm::dvec3 closest_barycentric(const glm::dvec3& p, const glm::dvec3& a, const g
   if (d3 >= 0 && d4 <= d3) return {0, 1, 0};
   const double vc = d1 * d4 - d3 * d2;
   if (vc <= 0 && d1 >= 0 && d3 <= 0) {
-    const double v = d1 / (d1 - d3);
+    const double v = part(d1, d1 - d3);
     return {1 - v, v, 0};
   }
   const glm::dvec3 cp = p - c;
@@ -41,12 +42,12 @@ glm::dvec3 closest_barycentric(const glm::dvec3& p, const glm::dvec3& a, const g
   if (d6 >= 0 && d5 <= d6) return {0, 0, 1};
   const double vb = d5 * d2 - d1 * d6;
   if (vb <= 0 && d2 >= 0 && d6 <= 0) {
-    const double w = d2 / (d2 - d6);
+    const double w = part(d2, d2 - d6);
     return {1 - w, 0, w};
   }
   const double va = d3 * d6 - d5 * d4;
   if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
-    const double w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+    const double w = part(d4 - d3, (d4 - d3) + (d5 - d6));
     return {0, 1 - w, w};
   }
   const double total = va + vb + vc;

@@ -159,6 +159,7 @@ std::vector<FigureColumn> figure_columns(const AblationTable& table) {
   }
   columns.push_back({"surface_mm", "surface, mm", 2, -1, [](const AblationRow& row) { return row.surface ? std::optional(1e3 * *row.surface) : std::nullopt; }});
   columns.push_back({"found_percent", "found, %", 2, 0, [](const AblationRow& row) { return row.found ? std::optional(100 * *row.found) : std::nullopt; }});
+  columns.push_back({"least_found_percent", "least, %", 2, 0, [](const AblationRow& row) { return row.least_found ? std::optional(100 * *row.least_found) : std::nullopt; }});
   columns.push_back({"steps", "steps", 0, 0, [](const AblationRow& row) { return std::optional(double(row.steps)); }});
   columns.push_back({"seconds_per_step", "s/step", 3, 0, [](const AblationRow& row) { return row.seconds_per_step > 0 ? std::optional(row.seconds_per_step) : std::nullopt; }});
   columns.push_back({"learned_numbers", "learned numbers", 0, 0, [](const AblationRow& row) { return std::optional(double(row.learned_numbers)); }});
@@ -231,6 +232,7 @@ AblationRow measure_variant(Device& device, const Capture& capture, const Ablati
     for (const ordered_json& one : before.at("figures")) row.splits.push_back({one.at("split"), optional_of(one.at("psnr")), optional_of(one.at("ssim"))});
     row.surface = optional_of(before.at("surface"));
     row.found = optional_of(before.at("found"));
+    row.least_found = optional_of(before.at("least_found"));
     const std::string png = read(picture);
     row.rendering.assign(png.begin(), png.end());
     return row;
@@ -244,6 +246,7 @@ AblationRow measure_variant(Device& device, const Capture& capture, const Ablati
     written.push_back({{"split", row.splits.back().split}, {"psnr", json_of(one.psnr)}, {"ssim", json_of(one.ssim)}});
     counts.points += one.root_finding.points;
     counts.converged += one.root_finding.converged;
+    if (const auto least = least_found(one)) row.least_found = std::min(*least, row.least_found.value_or(1));
   }
   if (counts.points > 0) row.found = double(counts.converged) / double(counts.points);
   if (avatar.spec.sdf.kind == FieldKind::sdf && avatar.spec.skinning.kind != Skinning::backward) {
@@ -263,7 +266,7 @@ AblationRow measure_variant(Device& device, const Capture& capture, const Ablati
     row.rendering = png_of(renderer.render(shown->camera, pose_to_render(avatar.refined, shown->split, frame), avatar.spec.latent_size > 0 ? latent_row(avatar, frame.number) : 0).color, shown->camera);
     write_file_safely(picture, row.rendering);
   }
-  write_file_safely(figures, ordered_json{{"of", of}, {"figures", written}, {"surface", json_of(row.surface)}, {"found", json_of(row.found)}}.dump(1) + "\n");
+  write_file_safely(figures, ordered_json{{"of", of}, {"figures", written}, {"surface", json_of(row.surface)}, {"found", json_of(row.found)}, {"least_found", json_of(row.least_found)}}.dump(1) + "\n");
   return row;
 }
 
@@ -333,7 +336,7 @@ std::string ablation_page(const AblationTable& table, const Capture& capture, co
     page += "</tr>\n";
   }
   page += "</table></div>\n<p class=\"quiet\">" + escape_html(metrics_definition(kDataRange)) +
-          " views: held-out cameras, the training's frames. surface: mean distance of the true surface's vertices, hair left out. found: of the correspondences that the pictures' samples needed. device: most memory in buffers.</p>\n";
+          " views: held-out cameras, the training's frames. surface: mean distance of the true surface's vertices, hair left out. found: of the correspondences that the pictures' samples needed; least: in the picture with the least. device: most memory in buffers.</p>\n";
   for (const auto& [name, reason] : table.left_out) page += fmt::format("<p class=\"quiet\">{} is left out: {}.</p>\n", escape_html(name), escape_html(reason));
   if (!table.photograph.empty()) {
     page += "<h2>" + escape_html(table.picture) + "</h2>\n<div class=\"pictures\">" + figure_html({"photograph", table.photograph}, table.picture);

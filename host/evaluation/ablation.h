@@ -53,6 +53,7 @@ struct AblationRow {
   std::vector<SplitFigures> splits;
   std::optional<double> surface;  // mean distance of the true surface, metres; absent without either surface
   std::optional<double> found;    // share of the correspondences that were searched, 0..1; absent where none is
+  std::optional<double> least_found;  // of the picture with the least
   std::vector<uint8_t> rendering;  // PNG of the picture that all variants are shown by
 };
 

@@ -122,6 +122,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
       throw InputError(image_path(capture, settings.split, place.camera, place.frame).string(), "",
                        "the posed template in view", "nothing of it",
                        "Check cameras and poses with arah inspect, or leave the camera out with --cameras.");
+    const RootFindingCounts before = renderer.root_finder().counts();
     const Picture picture = renderer.render(
         camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part) {
           return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(chosen.size()));
@@ -136,6 +137,12 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
     row.frame = place.frame;
     row.psnr = metrics.psnr;
     row.ssim = metrics.ssim;
+    const RootFindingCounts after = renderer.root_finder().counts();
+    result.found.emplace_back();
+    if (after.points > before.points) {
+      result.found.back() = double(after.converged - before.converged) / double(after.points - before.points);
+      row.measures.emplace_back("found (%)", 100 * *result.found.back());
+    }
     if (lpips) {
       const auto began = std::chrono::steady_clock::now();
       distances.push_back(row.lpips.emplace(lpips->distance({picture.color, w, h}, {truth, w, h}, metrics.crop)));
@@ -163,16 +170,19 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
                             const Capture& capture, const Device& device) {
   using nlohmann::ordered_json;
   ordered_json images = ordered_json::array();
-  for (const ReportRow& row : evaluation.rows) {
+  const auto percent = [](const std::optional<double>& share) { return optional_number(share ? std::optional(100 * *share) : share); };
+  for (size_t i = 0; i < evaluation.rows.size(); ++i) {
+    const ReportRow& row = evaluation.rows[i];
     images.push_back({{"frame", row.frame},
                       {"camera", row.camera},
                       {"psnr", optional_number(row.psnr)},
-                      {"ssim", optional_number(row.ssim)}});
+                      {"ssim", optional_number(row.ssim)},
+                      {"found_percent", percent(evaluation.found[i])}});
     if (row.lpips) images.back()["lpips"] = *row.lpips;
   }
   const RootFindingCounts& counts = evaluation.root_finding;
   ordered_json surface = ordered_json::array();
-  for (const SurfaceError& error : evaluation.surface) surface.push_back({{"frame", error.frame}, {"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}});
+  for (const SurfaceError& error : evaluation.surface) surface.push_back({{"frame", error.frame}, {"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}, {"chamfer_cm2", 1e4 * error.chamfer}, {"normal_consistency", error.normal_consistency}, {"f_score_5mm", error.f_score}});
   ordered_json mean{{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}};
   if (evaluation.lpips) mean["lpips"] = *evaluation.lpips;
   ordered_json json{
@@ -197,7 +207,8 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
         {"converged", counts.converged},
         {"diverged", counts.diverged},
         {"exhausted", counts.exhausted},
-        {"steps", counts.steps}}},
+        {"steps", counts.steps},
+        {"least_found_percent", percent(least_found(evaluation))}}},
       {"seconds", evaluation.seconds},
       {"surface", surface},
   };
@@ -225,12 +236,20 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
     report.facts.emplace_back(
         "root finding, split " + evaluation.settings.split,
         fmt::format(
-            "{} searches, {:.2f} % converged, {} diverged, {} out of steps", counts.points,
+            "{} searches, {:.2f} % converged{}, {} diverged, {} out of steps", counts.points,
             100.0 * static_cast<double>(counts.converged) / static_cast<double>(std::max<uint64_t>(counts.points, 1)),
+            least_found(evaluation) ? fmt::format(" ({:.2f} % in the worst picture)", 100 * *least_found(evaluation)) : "",
             counts.diverged, counts.exhausted));
     std::move(evaluation.rows.begin(), evaluation.rows.end(), std::back_inserter(report.rows));
   }
   return report;
+}
+
+std::optional<double> least_found(const Evaluation& evaluation) {
+  std::optional<double> least;
+  for (const std::optional<double>& share : evaluation.found)
+    if (share && (!least || *share < *least)) least = share;
+  return least;
 }
 
 std::string describe(const Evaluation& evaluation) {

@@ -37,6 +37,7 @@ struct Evaluation {
   std::optional<double> ssim;   // mean over the pictures; absent where none has one
   std::optional<double> lpips;  // mean over the pictures; absent where it was not measured
   RootFindingCounts root_finding;
+  std::vector<std::optional<double>> found;  // by row: share of the picture's correspondences that the search found, 0..1; absent where none was searched
   double seconds = 0;  // of rendering
   std::vector<SurfaceError> surface;  // where it was measured; evaluate() leaves it empty
   std::optional<PoseImprovement> poses;  // of an avatar with refined poses: their distance from the capture's training poses
@@ -58,8 +59,8 @@ std::vector<float> rgb_on_black(const Image& image);
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
                     const std::function<bool(double)>& progress = {});
 
-// {"mean": {"psnr", "ssim", "lpips"}, "images": [{"frame", "camera", "psnr", "ssim", "lpips"}], "lpips_network", "split", "protocol", "avatar", "capture",
-// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ...}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm"}], "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
+// {"mean": {"psnr", "ssim", "lpips"}, "images": [{"frame", "camera", "psnr", "ssim", "found_percent", "lpips"}], "lpips_network", "split", "protocol", "avatar", "capture",
+// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ..., "least_found_percent" (of a picture)}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm", "chamfer_cm2", "normal_consistency", "f_score_5mm"}], "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
 // "after"} with refined poses}; what is not
 // defined, such as the PSNR of identical pictures, is null, and "lpips" and "lpips_network" are there only where it was measured. avatar_path: as the user knows it.
 std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,
@@ -68,6 +69,9 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
 // The page's facts, definition and summary for the figures of one or more evaluations; rows are moved in.
 Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avatar, const std::string& avatar_path,
                          const Capture& capture, const Device& device);
+
+// The least of `found`; absent where nothing was searched.
+std::optional<double> least_found(const Evaluation& evaluation);
 
 // "split train, cameras held-out: PSNR 28.60 dB, SSIM 0.9120 (20 pictures)".
 std::string describe(const Evaluation& evaluation);

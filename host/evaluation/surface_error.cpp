@@ -10,7 +10,7 @@
 #include <optional>
 #include <sstream>
 
-#include "host/body/mesh_distance.h"
+#include "host/evaluation/mesh_metrics.h"
 #include "host/input_error.h"
 #include "host/rendering/frame_on_device.h"
 #include "host/rendering/surface_mesh.h"
@@ -22,9 +22,15 @@ static_assert(std::endian::native == std::endian::little, "meshes are read as th
 
 constexpr double mesh_cell = 0.006;  // metres, of the avatar's
 constexpr uint8_t hair_part = 3;
+constexpr double f_score_within = 0.005;  // metres
 
-// The vertices of all faces that are not hair.
-std::vector<glm::dvec3> true_surface(const std::filesystem::path& path) {
+struct TrueSurface {
+  std::vector<glm::dvec3> vertices;
+  std::vector<glm::uvec3> triangles;
+  std::vector<bool> without_hair;  // by vertex: of a face that is not hair
+};
+
+TrueSurface true_surface(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   const auto refuse = [&](const std::string& expected, const std::string& found) { return InputError(path.string(), "", expected, found); };
   if (!file) throw refuse("a mesh", "a file that cannot be read");
@@ -52,7 +58,8 @@ std::vector<glm::dvec3> true_surface(const std::filesystem::path& path) {
   };
   std::vector<std::array<float, 3>> places(vertices);
   read(places.data(), vertices * sizeof places[0]);
-  std::vector<bool> wanted(vertices, false);
+  TrueSurface surface;
+  surface.without_hair.resize(vertices, false);
   for (size_t f = 0; f < faces; ++f) {
     uint8_t corners = 0, part = 0;
     read(&corners, 1);
@@ -61,13 +68,12 @@ std::vector<glm::dvec3> true_surface(const std::filesystem::path& path) {
     read(&part, 1);
     for (const int32_t v : at) {
       if (v < 0 || static_cast<size_t>(v) >= vertices) throw refuse(fmt::format("indices below {}", vertices), fmt::format("{}", v));
-      if (part != hair_part) wanted[static_cast<size_t>(v)] = true;
+      if (part != hair_part) surface.without_hair[static_cast<size_t>(v)] = true;
     }
+    for (size_t k = 2; k < at.size(); ++k) surface.triangles.emplace_back(at[0], at[k - 1], at[k]);
   }
-  std::vector<glm::dvec3> surface;
-  for (size_t v = 0; v < vertices; ++v)
-    if (wanted[v]) surface.emplace_back(places[v][0], places[v][1], places[v][2]);
-  if (surface.empty()) throw refuse("faces that are not hair", "none");
+  for (const auto& p : places) surface.vertices.emplace_back(p[0], p[1], p[2]);
+  if (std::find(surface.without_hair.begin(), surface.without_hair.end(), true) == surface.without_hair.end()) throw refuse("faces that are not hair", "none");
   return surface;
 }
 
@@ -111,10 +117,12 @@ std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, c
     }
     std::vector<glm::dvec3> vertices;
     for (const glm::vec3& p : mesh->posed(pose)) vertices.emplace_back(p);
-    const MeshDistance avatar_surface(vertices, mesh->canonical().triangles);
+    const TrueSurface surface = true_surface(path);
+    const MeshMetrics metrics = mesh_metrics({vertices, mesh->canonical().triangles}, {surface.vertices, surface.triangles});
     std::vector<double> distances;
-    for (const glm::dvec3& p : true_surface(path)) distances.push_back(glm::distance(avatar_surface.closest(p).position, p));
-    SurfaceError error{frame->number, 0, 0};
+    for (size_t v = 0; v < surface.vertices.size(); ++v)
+      if (surface.without_hair[v]) distances.push_back(metrics.to_prediction.to_surface[v]);
+    SurfaceError error{frame->number, 0, 0, metrics.chamfer(), metrics.normal_consistency(), metrics.f_score(f_score_within)};
     for (const double distance : distances) error.mean += distance / double(distances.size());
     const auto rank = distances.begin() + static_cast<std::ptrdiff_t>(0.95 * double(distances.size() - 1));
     std::nth_element(distances.begin(), rank, distances.end());
@@ -125,9 +133,13 @@ std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, c
 }
 
 std::string describe(const std::vector<SurfaceError>& errors) {
-  double mean = 0, percentile = 0;
-  for (const SurfaceError& error : errors) mean += error.mean / double(errors.size()), percentile += error.percentile_95 / double(errors.size());
-  return fmt::format("surface: {:.2f} mm in the mean, 95 % within {:.2f} mm ({} meshes)", 1000 * mean, 1000 * percentile, errors.size());
+  const auto mean = [&](double SurfaceError::*figure) {
+    double sum = 0;
+    for (const SurfaceError& error : errors) sum += error.*figure / double(errors.size());
+    return sum;
+  };
+  return fmt::format("surface: {:.2f} mm in the mean, 95 % within {:.2f} mm, Chamfer {:.2f} cm², normals {:.3f}, F-score {:.3f} at 5 mm ({} meshes)", 1000 * mean(&SurfaceError::mean),
+                     1000 * mean(&SurfaceError::percentile_95), 1e4 * mean(&SurfaceError::chamfer), mean(&SurfaceError::normal_consistency), mean(&SurfaceError::f_score), errors.size());
 }
 
 }  // namespace arah

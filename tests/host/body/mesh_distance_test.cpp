@@ -35,6 +35,20 @@ TEST(MeshDistance, AgreesWithTheBoxInsideAndOutside) {
   EXPECT_LT(worst, 1e-6);
 }
 
+TEST(MeshDistance, TakesTrianglesWithoutAreaForTheirEdges) {
+  std::vector<glm::dvec3> more = vertices;
+  more.insert(more.end(), {{-1, -1, -1}, {-1 + 1e-17, -1, -1}, {5, 0, 0}, {5, 0, 0}});
+  std::vector<glm::uvec3> flat = triangles;
+  for (const glm::uvec3& t : {glm::uvec3(0, 8, 1), glm::uvec3(0, 9, 3), glm::uvec3(10, 10, 10), glm::uvec3(10, 11, 10), glm::uvec3(0, 0, 0)}) flat.push_back(t), flat.insert(flat.begin(), {t.y, t.z, t.x});
+  const MeshDistance mesh(more, flat);
+  std::mt19937_64 generator(4);
+  std::uniform_real_distribution<double> uniform(-6, 6);
+  for (int i = 0; i < 3000; ++i) {
+    const glm::dvec3 p(uniform(generator), uniform(generator), uniform(generator));
+    EXPECT_NEAR(std::abs(mesh.closest(p).signed_distance), std::min(std::abs(box_distance(p)), glm::distance(p, more[10])), 1e-6) << i;
+  }
+}
+
 TEST(MeshDistance, RefusesAnEmptyMeshAndWrongIndices) {
   EXPECT_THROW(MeshDistance({}, {}), std::invalid_argument);
   const std::vector<glm::uvec3> wrong{{0, 1, 8}};

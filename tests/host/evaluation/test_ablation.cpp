@@ -103,7 +103,7 @@ TEST(Ablation, TablesHoldEveryRowAndMarkTheBest) {
   row.surface.reset();
   table.rows.push_back(row);
   table.left_out = {{"prior", "no --prior was given"}};
-  EXPECT_THAT(ablation_csv(table), HasSubstr("variant,psnr_views,ssim_views,surface_mm,found_percent,steps,seconds_per_step,learned_numbers,device_mb\nfull,30.00,0.9000,4.00,,10,,0,0.0\ndensity,31.00,0.8000,,,10,,0,0.0\n"));
+  EXPECT_THAT(ablation_csv(table), HasSubstr("variant,psnr_views,ssim_views,surface_mm,found_percent,least_found_percent,steps,seconds_per_step,learned_numbers,device_mb\nfull,30.00,0.9000,4.00,,,10,,0,0.0\ndensity,31.00,0.8000,,,,10,,0,0.0\n"));
   EXPECT_THAT(ablation_markdown(table), testing::AllOf(HasSubstr("| 30.00 | **0.9000** | **4.00** |"), HasSubstr("| **31.00** | 0.8000 | – |"), HasSubstr("`prior` is left out")));
   EXPECT_THAT(ablation_text(table), Not(HasSubstr("*")));
 }
