@@ -111,7 +111,7 @@ class Study {
     const RenderSettings exact = render_preset(avatar_, "paper");
     const std::string& refusal = cooperative_refusal(device_);
     const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling, avatar_.spec, refusal.empty());
-    if (!settings_.presets_alone && !refusal.empty()) result_.left_out.push_back("arithmetic cooperative_matrix: " + refusal);
+    if (!settings_.presets_alone && !refusal.empty()) result_.left_out.push_back(fmt::format("arithmetic cooperative_matrix: not on {} ({})", result_.device, refusal));
     total_ = static_cast<double>(knobs.size() + render_presets().size());
     measure("paper", {}, exact);
     for (const Knobs& some : knobs) {
@@ -121,10 +121,10 @@ class Study {
         set_render_knob(changed, knob, value);
         name += fmt::format("{}{} {}", name.empty() ? "" : ", ", knob, value);
       }
-      measure(name, some, changed);
+      measure_where_possible(name, some, changed);
     }
     for (const std::string& preset : render_presets())
-      if (preset != "paper") measure(preset, {}, render_preset(avatar_, preset));
+      if (preset != "paper") measure_where_possible(preset, {}, render_preset(avatar_, preset));
     mark_front();
     pictures();
     return std::move(result_);
@@ -158,6 +158,15 @@ class Study {
       views.push_back(std::move(view));
     }
     return views;
+  }
+
+  // What the renderer refuses of this avatar (a density has no surface to search) is named, and the study goes on.
+  void measure_where_possible(const std::string& name, const Knobs& knobs, const RenderSettings& settings) {
+    try {
+      measure(name, knobs, settings);
+    } catch (const InputError& error) {
+      result_.left_out.push_back(name + ": " + error.what());
+    }
   }
 
   void measure(const std::string& name, const Knobs& knobs, RenderSettings settings) {
@@ -367,7 +376,7 @@ std::string tradeoff_table(const Tradeoff& tradeoff) {
     if (lpips) text += fmt::format("{:>12}{:>12}", optional_text(p.lpips_exact, "{:.4f}"), optional_text(p.lpips, "{:.4f}"));
     text += p.pareto ? "  *\n" : "\n";
   }
-  for (const std::string& setting : tradeoff.left_out) text += fmt::format("not measured on {}: {}\n", tradeoff.device, setting);
+  for (const std::string& setting : tradeoff.left_out) text += fmt::format("not measured: {}\n", setting);
   return text +
          "ms: a picture of a new pose. posed ms: another picture of that pose. bake ms: once for each code, before its first picture\n"
          "* nothing measured is both faster and nearer to the exact rendering\n";

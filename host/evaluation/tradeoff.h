@@ -49,7 +49,7 @@ struct TradeoffPoint {
 struct Tradeoff {
   std::vector<TradeoffPoint> points;  // the exact rendering ("paper") first
   std::vector<ReportRow> pictures;    // photograph, exact, and each preset with its error
-  std::vector<std::string> left_out;  // knob values that this device cannot follow, with the reason
+  std::vector<std::string> left_out;  // knob values and presets that this device cannot follow or this avatar does not have, with the reason
   std::string device, driver;
   int width = 0, height = 0, pictures_measured = 0, repetitions = 0;
   std::filesystem::path lpips;  // the network; empty: not measured

@@ -319,6 +319,18 @@ TEST_F(Stories, PartsOfTheAvatarAreSetByName) {
   }
 }
 
+// A field of density has no surface to search, bake or draw: the study of renderings leaves these out by name.
+TEST_F(Stories, ADensityIsStudiedWithoutWhatItDoesNotHave) {
+  const Outcome trained = arah(training("density", {"--steps", "2", "--size", "64", "--set", "spec.sdf.kind=density", "--set", "sampling_mode=shell"}));
+  ASSERT_EQ(trained.code, 0) << trained.errors;
+  const Outcome study = arah({"tradeoff", at("density"), capture(), "-o", at("density_study"), "--pictures", "1", "--repetitions", "1", "--size", "32"});
+  ASSERT_EQ(study.code, 0) << study.errors;
+  for (const char* missing : {"not measured: distances baked: ", "not measured: sampling_mode surface_only: ", "not measured: preview: "}) EXPECT_THAT(study.output, HasSubstr(missing));
+  const std::string csv = read_all(at("density_study/tradeoff.csv"));
+  for (const char* setting : {"\"paper\"", "\"balanced\"", "\"fast\"", "\"samples 16\""}) EXPECT_THAT(csv, HasSubstr(setting));
+  EXPECT_THAT(csv, Not(HasSubstr("baked")));
+}
+
 // A study of ablations: figures and pictures of each variant; what is finished is not trained again, and other runs are not mixed in.
 TEST_F(Stories, AblationsAreComparedAndGoOn) {
   const auto study = [](const std::vector<std::string>& more) {
