@@ -16,6 +16,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   struct Options {
     std::filesystem::path avatar, capture, out;
     EvaluationSettings settings;
+    std::string protocol;
     bool surface = false;
     QualityOptions quality;
     DeviceOptions device = DeviceOptions::from_environment();
@@ -26,10 +27,11 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   command->add_option("AVATAR", options->avatar, kAvatarHelp)->required();
   command->add_option("CAPTURE", options->capture, "the capture's folder")->required();
   command->add_option("-o,--out", options->out, "folder for metrics.json and report.html")->required();
-  command->add_option("--split", settings.split, "whose frames: train, novel, ood, ...")->capture_default_str();
-  command->add_option("--cameras", settings.cameras, "training, held-out, all, or names with commas between")
+  command->add_option("--protocol", options->protocol, "novel-view, novel-pose, training-pose or out-of-distribution: the paper's choice of split, cameras and frames; what else is stated here goes before it")->check(CLI::IsMember(evaluation_protocols()));
+  CLI::Option* split = command->add_option("--split", settings.split, "whose frames: train, novel, ood, ...")->capture_default_str();
+  CLI::Option* cameras = command->add_option("--cameras", settings.cameras, "training, held-out, all, or names with commas between")
       ->capture_default_str();
-  command->add_option("--every", settings.every, "take every so-many-th frame that has pictures")
+  CLI::Option* every = command->add_option("--every", settings.every, "take every so-many-th frame that has pictures")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
   command->add_option("--size", settings.size, "columns that photographs are reduced to (default: as they are)")
@@ -41,8 +43,18 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   add_memory_option(*command, options->device);
   command->footer(
       "PSNR is taken over the pixels of the posed template's projected box; metrics.json states the protocol.\n"
+      "Example: arah evaluate run capture -o evaluation --protocol novel-pose\n"
       "Example: arah evaluate run capture -o evaluation --split novel --every 2");
-  command->callback([options, &run] {
+  command->callback([options, split, cameras, every, &run] {
+    if (!options->protocol.empty()) {
+      EvaluationSettings& chosen = options->settings;
+      const EvaluationSettings protocol = evaluation_protocol(options->protocol);
+      if (split->empty()) chosen.split = protocol.split;
+      if (cameras->empty()) chosen.cameras = protocol.cameras;
+      if (every->empty()) chosen.every = protocol.every;
+      // Under its name only as it is.
+      if (chosen.split == protocol.split && chosen.cameras == protocol.cameras && chosen.every == protocol.every && chosen.size == 0) chosen.protocol = protocol.protocol;
+    }
     run = [options] {
       const Avatar avatar = load_avatar(avatar_file(options->avatar));
       const Capture capture = open_capture(options->capture);

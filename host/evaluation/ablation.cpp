@@ -335,7 +335,7 @@ std::string ablation_page(const AblationTable& table, const Capture& capture, co
     }
     page += "</tr>\n";
   }
-  page += "</table></div>\n<p class=\"quiet\">" + escape_html(metrics_definition(kDataRange)) +
+  page += "</table></div>\n<p class=\"quiet\">" + escape_html(metrics_definition()) +
           " views: held-out cameras, the training's frames. surface: mean distance of the true surface's vertices, hair left out. found: of the correspondences that the pictures' samples needed; least: in the picture with the least. device: most memory in buffers.</p>\n";
   for (const auto& [name, reason] : table.left_out) page += fmt::format("<p class=\"quiet\">{} is left out: {}.</p>\n", escape_html(name), escape_html(reason));
   if (!table.photograph.empty()) {

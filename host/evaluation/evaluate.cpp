@@ -1,6 +1,7 @@
 #include "host/evaluation/evaluate.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <chrono>
@@ -72,7 +73,7 @@ std::string row_split(const EvaluationSettings& settings, const Camera& camera) 
 
 // What the figures mean, that of LPIPS only where it is among them.
 std::string protocol(const EvaluationSettings& settings) {
-  return metrics_definition(kDataRange) + (settings.lpips.empty() ? "" : lpips_definition(settings.lpips));
+  return metrics_definition() + (settings.lpips.empty() ? "" : lpips_definition(settings.lpips));
 }
 
 nlohmann::ordered_json optional_number(const std::optional<double>& value) {
@@ -85,6 +86,23 @@ std::vector<EvaluationPlace> evaluation_places(const Avatar& avatar, const Captu
   check_skeleton(avatar, capture);
   motion_of(capture, settings.split);  // throws where there is none
   return places(capture, settings);
+}
+
+const std::vector<std::string>& evaluation_protocols() {
+  static const std::vector<std::string> names{"novel-view", "novel-pose", "training-pose", "out-of-distribution"};
+  return names;
+}
+
+EvaluationSettings evaluation_protocol(const std::string& name) {
+  EvaluationSettings settings;
+  settings.protocol = name;
+  settings.every = 30;
+  if (name == "novel-view") return settings;
+  if (name == "training-pose") settings.cameras = "training";
+  else if (name == "novel-pose") settings.split = "novel";
+  else if (name == "out-of-distribution") settings.split = "ood", settings.every = 1;
+  else throw InputError("--protocol", "", fmt::format("one of {}", fmt::join(evaluation_protocols(), ", ")), "'" + name + "'");
+  return settings;
 }
 
 std::vector<float> rgb_on_black(const Image& image) {
@@ -108,7 +126,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   result.settings = settings;
   const auto start = std::chrono::steady_clock::now();
   std::chrono::steady_clock::duration lpips_time{};
-  std::vector<double> psnrs, ssims, distances;
+  std::vector<double> psnrs, ssims, ssims_of_the_paper, distances;
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const EvaluationPlace& place = chosen[i];
     const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
@@ -137,6 +155,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
     row.frame = place.frame;
     row.psnr = metrics.psnr;
     row.ssim = metrics.ssim;
+    row.ssim_of_the_paper = metrics.ssim_of_the_paper;
     const RootFindingCounts after = renderer.root_finder().counts();
     result.found.emplace_back();
     if (after.points > before.points) {
@@ -155,10 +174,13 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                     {"normals", encode_png(normals_to_rgb(picture.normal, w, h), w, h, 3)}};
     result.rows.push_back(std::move(row));
     psnrs.push_back(metrics.psnr);
-    if (metrics.ssim) ssims.push_back(*metrics.ssim);
+    if (metrics.ssim) ssims.push_back(*metrics.ssim), ssims_of_the_paper.push_back(*metrics.ssim_of_the_paper);
   }
   result.psnr = mean_of_finite(psnrs);
   result.ssim = mean_of_finite(ssims);
+  result.ssim_of_the_paper = mean_of_finite(ssims_of_the_paper);
+  result.psnr_spread = spread_of_finite(psnrs);
+  result.ssim_spread = spread_of_finite(ssims);
   result.lpips = mean_of_finite(distances);
   result.root_finding = renderer.root_finder().counts();
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start - lpips_time).count();
@@ -177,17 +199,20 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
                       {"camera", row.camera},
                       {"psnr", optional_number(row.psnr)},
                       {"ssim", optional_number(row.ssim)},
+                      {"ssim_data_range_2", optional_number(row.ssim_of_the_paper)},
                       {"found_percent", percent(evaluation.found[i])}});
     if (row.lpips) images.back()["lpips"] = *row.lpips;
   }
   const RootFindingCounts& counts = evaluation.root_finding;
   ordered_json surface = ordered_json::array();
   for (const SurfaceError& error : evaluation.surface) surface.push_back({{"frame", error.frame}, {"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}, {"chamfer_cm2", 1e4 * error.chamfer}, {"normal_consistency", error.normal_consistency}, {"f_score_5mm", error.f_score}});
-  ordered_json mean{{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}};
+  ordered_json mean{{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}, {"ssim_data_range_2", optional_number(evaluation.ssim_of_the_paper)}};
   if (evaluation.lpips) mean["lpips"] = *evaluation.lpips;
   ordered_json json{
       {"mean", mean},
+      {"spread", {{"psnr", optional_number(evaluation.psnr_spread)}, {"ssim", optional_number(evaluation.ssim_spread)}}},
       {"images", images},
+      {"protocol_name", evaluation.settings.protocol},
       {"split", evaluation.settings.split},
       {"cameras", evaluation.settings.cameras},
       {"every", evaluation.settings.every},
@@ -224,7 +249,7 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
                          const Capture& capture, const Device& device) {
   Report report;
   report.title = "Evaluation of " + avatar_path;
-  report.definition = evaluations.empty() ? metrics_definition(kDataRange) : protocol(evaluations.front().settings);
+  report.definition = evaluations.empty() ? metrics_definition() : protocol(evaluations.front().settings);
   report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset,
                                          avatar.steps, avatar.seed)},
                   {"capture", capture.path.string()},
@@ -253,10 +278,11 @@ std::optional<double> least_found(const Evaluation& evaluation) {
 }
 
 std::string describe(const Evaluation& evaluation) {
-  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {}{} ({} pictures)", evaluation.settings.split,
-                     evaluation.settings.cameras,
-                     evaluation.psnr ? fmt::format("{:.2f} dB", *evaluation.psnr) : "not finite",
-                     evaluation.ssim ? fmt::format("{:.4f}", *evaluation.ssim) : "not defined",
+  const auto figure = [](const std::optional<double>& mean, const std::optional<double>& spread, int digits, const char* unit, const char* absent) {
+    return mean ? fmt::format("{:.{}f}{}{}", *mean, digits, spread ? fmt::format(" ± {:.{}f}", *spread, digits) : "", unit) : absent;
+  };
+  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {}{} ({} pictures)", evaluation.settings.split, evaluation.settings.cameras,
+                     figure(evaluation.psnr, evaluation.psnr_spread, 2, " dB", "not finite"), figure(evaluation.ssim, evaluation.ssim_spread, 4, "", "not defined"),
                      evaluation.lpips ? fmt::format(", LPIPS {:.4f}", *evaluation.lpips) : "", evaluation.rows.size()) +
          (evaluation.surface.empty() ? "" : "; " + describe(evaluation.surface)) + (evaluation.poses ? "; " + describe(*evaluation.poses) : "");
 }

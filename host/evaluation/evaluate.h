@@ -21,6 +21,7 @@ struct EvaluationPlace {
 };
 
 struct EvaluationSettings {
+  std::string protocol;              // its name where these are a protocol's; empty otherwise
   std::string split = "train";
   std::string cameras = "held-out";  // "training", "held-out", "all", or names with commas between
   int every = 1;                     // takes every so-many-th frame that has a picture, camera by camera
@@ -30,11 +31,19 @@ struct EvaluationSettings {
   bool pictures = true;              // keep photograph, rendering, error and normals for the report
 };
 
+// The paper's protocols (ARAH.md section 8), of pictures as large as they are stored: "novel-view": training frames from held-out cameras, every
+// 30th; "novel-pose": the split `novel` from held-out cameras, every 30th; "training-pose": training frames and cameras, every 30th;
+// "out-of-distribution": the split `ood` from held-out cameras. Throws InputError naming them for another word.
+EvaluationSettings evaluation_protocol(const std::string& name);
+const std::vector<std::string>& evaluation_protocols();
+
 struct Evaluation {
   EvaluationSettings settings;
   std::vector<ReportRow> rows;  // by frame, then camera
   std::optional<double> psnr;   // mean over the pictures, dB; absent where none is finite
   std::optional<double> ssim;   // mean over the pictures; absent where none has one
+  std::optional<double> ssim_of_the_paper;         // with its data range
+  std::optional<double> psnr_spread, ssim_spread;  // standard deviations over the pictures; absent for fewer than two
   std::optional<double> lpips;  // mean over the pictures; absent where it was not measured
   RootFindingCounts root_finding;
   std::vector<std::optional<double>> found;  // by row: share of the picture's correspondences that the search found, 0..1; absent where none was searched
@@ -59,7 +68,7 @@ std::vector<float> rgb_on_black(const Image& image);
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
                     const std::function<bool(double)>& progress = {});
 
-// {"mean": {"psnr", "ssim", "lpips"}, "images": [{"frame", "camera", "psnr", "ssim", "found_percent", "lpips"}], "lpips_network", "split", "protocol", "avatar", "capture",
+// {"mean": {"psnr", "ssim", "ssim_data_range_2", "lpips"}, "spread": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim", "ssim_data_range_2", "found_percent", "lpips"}], "lpips_network", "protocol_name", "split", "protocol", "avatar", "capture",
 // "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ..., "least_found_percent" (of a picture)}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm", "chamfer_cm2", "normal_consistency", "f_score_5mm"}], "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
 // "after"} with refined poses}; what is not
 // defined, such as the PSNR of identical pictures, is null, and "lpips" and "lpips_network" are there only where it was measured. avatar_path: as the user knows it.
@@ -73,7 +82,7 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
 // The least of `found`; absent where nothing was searched.
 std::optional<double> least_found(const Evaluation& evaluation);
 
-// "split train, cameras held-out: PSNR 28.60 dB, SSIM 0.9120 (20 pictures)".
+// "split train, cameras held-out: PSNR 28.60 ± 1.21 dB, SSIM 0.9120 ± 0.0110 (20 pictures)".
 std::string describe(const Evaluation& evaluation);
 
 }  // namespace arah

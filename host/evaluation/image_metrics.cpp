@@ -164,14 +164,14 @@ double ssim(const RgbPicture& rendering, const RgbPicture& truth, const CropRect
   return (channels[0] + channels[1] + channels[2]) / 3.0;
 }
 
-ImageMetrics image_metrics(const RgbPicture& rendering, const RgbPicture& truth, std::span<const std::uint8_t> mask,
-                           double data_range) {
+ImageMetrics image_metrics(const RgbPicture& rendering, const RgbPicture& truth, std::span<const std::uint8_t> mask) {
   ImageMetrics metrics;
   metrics.mse = mean_squared_error(rendering, truth, mask);
   metrics.psnr = psnr(metrics.mse);
   metrics.crop = mask_bounds(mask, truth.width, truth.height);
   if (metrics.crop.x1 - metrics.crop.x0 >= kSsimWindow && metrics.crop.y1 - metrics.crop.y0 >= kSsimWindow) {
-    metrics.ssim = ssim(rendering, truth, metrics.crop, data_range);
+    metrics.ssim = ssim(rendering, truth, metrics.crop);
+    metrics.ssim_of_the_paper = ssim(rendering, truth, metrics.crop, kDataRangeOfThePaper);
   }
   return metrics;
 }
@@ -186,6 +186,19 @@ std::optional<double> mean_of_finite(std::span<const double> values) {
   }
   if (count == 0) return std::nullopt;
   return sum / static_cast<double>(count);
+}
+
+std::optional<double> spread_of_finite(std::span<const double> values) {
+  const std::optional<double> mean = mean_of_finite(values);
+  double squares = 0;
+  std::size_t count = 0;
+  for (double value : values) {
+    if (!std::isfinite(value)) continue;
+    squares += (value - *mean) * (value - *mean);
+    ++count;
+  }
+  if (count < 2) return std::nullopt;
+  return std::sqrt(squares / static_cast<double>(count - 1));
 }
 
 }  // namespace arah

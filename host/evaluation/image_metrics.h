@@ -62,13 +62,15 @@ struct ImageMetrics {
   double mse = 0;              // over the mask
   double psnr = 0;             // over the mask, dB; +infinity for identical pictures
   std::optional<double> ssim;  // over `crop`; absent where the crop is narrower or lower than 7 px
+  std::optional<double> ssim_of_the_paper;  // the same with the paper's data range
   CropRectangle crop;          // bounding rectangle of the mask
 };
 
-ImageMetrics image_metrics(const RgbPicture& rendering, const RgbPicture& truth, std::span<const std::uint8_t> mask,
-                           double data_range = kDataRange);
+ImageMetrics image_metrics(const RgbPicture& rendering, const RgbPicture& truth, std::span<const std::uint8_t> mask);
 
 // Mean over the finite values; absent where there is none.
 std::optional<double> mean_of_finite(std::span<const double> values);
+// Their standard deviation, √(Σ (x − mean)² / (n − 1)); absent for fewer than two.
+std::optional<double> spread_of_finite(std::span<const double> values);
 
 }  // namespace arah

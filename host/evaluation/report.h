@@ -26,6 +26,7 @@ struct ReportRow {
   std::vector<std::pair<std::string, double>> measures;  // further columns, with their units: {"depth error (mm)", 3.2}
   std::vector<ReportImage> images;                       // shown side by side in this order; may be empty
   std::optional<double> lpips;                           // absent where it was not measured; its column where a row has one
+  std::optional<double> ssim_of_the_paper;               // with the paper's data range; its column where a row has one
 };
 
 struct Report {
@@ -37,8 +38,8 @@ struct Report {
   std::vector<Plot> plots;  // further plots, such as the training curve
 };
 
-// The wording of `definition` for figures of image_metrics() with this data range.
-std::string metrics_definition(double data_range);
+// The wording of `definition` for figures of image_metrics().
+std::string metrics_definition();
 
 // The whole page. Means leave out what is not finite and say how many were left out; pictures come worst PSNR first
 // (not measured before all, identical last). Every text is escaped, every picture embedded; the page runs no script and

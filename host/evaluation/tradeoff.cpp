@@ -386,7 +386,7 @@ Report tradeoff_report(Tradeoff tradeoff, const Avatar& avatar, const std::strin
   Report report;
   report.title = "Speed against accuracy: " + avatar_path;
   report.summary = fmt::format("{} settings, {} pictures of {} × {}, {} repetitions each; times are medians of whole pictures of a new pose.", tradeoff.points.size(), tradeoff.pictures_measured, tradeoff.width, tradeoff.height, tradeoff.repetitions);
-  report.definition = metrics_definition(kDataRange) + (tradeoff.lpips.empty() ? "" : lpips_definition(tradeoff.lpips));
+  report.definition = metrics_definition() + (tradeoff.lpips.empty() ? "" : lpips_definition(tradeoff.lpips));
   report.facts = {{"avatar", fmt::format("{}, {} after {} steps, seed {}", avatar_path, avatar.spec.preset, avatar.steps, avatar.seed)}, {"capture", capture.path.string()}, {"device", fmt::format("{} ({})", tradeoff.device, tradeoff.driver)}};
   for (const std::string& setting : tradeoff.left_out) report.facts.emplace_back("not measured", setting);
   for (const TradeoffPoint& p : tradeoff.points)

@@ -165,6 +165,25 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   ASSERT_GT(metrics["surface"].size(), 0u);
   EXPECT_GT(metrics["surface"][0]["mean_mm"].get<double>(), 0.1);
   EXPECT_LT(metrics["surface"][0]["mean_mm"].get<double>(), 40.0) << "a template's shape is nearer than that to the clothes";
+  EXPECT_GT(metrics["surface"][0]["chamfer_cm2"].get<double>(), 0.01);
+  EXPECT_GT(metrics["surface"][0]["normal_consistency"].get<double>(), 0.5);
+  EXPECT_GT(metrics["surface"][0]["f_score_5mm"].get<double>(), 0.1);
+  EXPECT_GT(metrics["mean"]["ssim_data_range_2"].get<double>(), metrics["mean"]["ssim"].get<double>()) << "larger constants";
+  EXPECT_GT(metrics["spread"]["psnr"].get<double>(), 0.0);
+  EXPECT_EQ(metrics["protocol_name"], "");
+  for (const nlohmann::json& image : metrics["images"]) EXPECT_GE(image["found_percent"].get<double>(), metrics["root_finding"]["least_found_percent"].get<double>());
+
+  // A protocol of the paper: under its name as it is, without it where something else was asked for.
+  for (const auto& [more, name] : std::vector<std::pair<std::vector<std::string>, std::string>>{{{}, "novel-view"}, {{"--size", "32"}, ""}}) {
+    std::vector<std::string> words{"evaluate", at("whole"), capture(), "-o", at("protocol"), "--protocol", "novel-view"};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome published = arah(words);
+    ASSERT_EQ(published.code, 0) << published.errors;
+    const auto figures = nlohmann::json::parse(read_all(at("protocol/metrics.json")));
+    EXPECT_EQ(figures["protocol_name"], name);
+    EXPECT_EQ(figures["every"], 30);
+    EXPECT_EQ(figures["cameras"], "held-out");
+  }
   EXPECT_EQ(metrics["render"]["least_weight"], 1e-8) << "figures are those of the exact rendering";
 
   // The avatar that was kept on the way: after the first step, the fit having taken longer than that.

@@ -55,11 +55,19 @@ TEST(ImageMetrics, MatchTheGoldenFigures) {
   golden::expect_golden(truth, "out.ssim_full_range1", ssim(pred, gt, full));
   golden::expect_golden(truth, "out.ssim_full_range2", ssim(pred, gt, full, kDataRangeOfThePaper));
 
-  const ImageMetrics together = image_metrics(pred, gt, mask, kDataRangeOfThePaper);
+  const ImageMetrics together = image_metrics(pred, gt, mask);
   EXPECT_EQ(together.crop, crop);
   golden::expect_golden(truth, "out.psnr_mask", together.psnr);
-  ASSERT_TRUE(together.ssim.has_value());
-  golden::expect_golden(truth, "out.ssim_crop_range2", *together.ssim);
+  ASSERT_TRUE(together.ssim && together.ssim_of_the_paper);
+  golden::expect_golden(truth, "out.ssim_crop_range1", *together.ssim);
+  golden::expect_golden(truth, "out.ssim_crop_range2", *together.ssim_of_the_paper);
+}
+
+TEST(ImageMetrics, SpreadIsThatOfASample) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_DOUBLE_EQ(spread_of_finite(std::vector<double>{2, infinity, 4, 4, 4, 5, 5, 7, 9}).value(), std::sqrt(32.0 / 7));
+  EXPECT_FALSE(spread_of_finite(std::vector<double>{3, infinity}));
+  EXPECT_FALSE(spread_of_finite(std::vector<double>{}));
 }
 
 TEST(ImageMetrics, AConstantErrorOfATenthIsTwentyDecibels) {

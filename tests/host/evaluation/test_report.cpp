@@ -33,7 +33,7 @@ Report example() {
   Report report;
   report.title = "Avatar of <Ada> & \"Bob\"";
   report.summary = "a summary with <b>";
-  report.definition = metrics_definition(2);
+  report.definition = metrics_definition();
   report.facts = {{"avatar's file", "out/<avatar>.safetensors"}};
   report.rows = {
       {"novel view", "cam<04>", 0, 24.0, 0.91, {{"depth error <mm>", 3.25}}, {{"photo<graph>", bytes("a")}}},
@@ -94,9 +94,9 @@ TEST(Report, ShowsTheWorstPicturesFirst) {
 
 TEST(Report, SummarisesEachSplitAndAll) {
   const std::string html = to_html(example());
-  EXPECT_THAT(html, HasSubstr("novel view</td><td>2</td><td>22.00</td><td>20.00</td><td>0.8900</td>"));
+  EXPECT_THAT(html, HasSubstr("novel view</td><td>2</td><td>22.00 ± 2.83</td><td>20.00</td><td>0.8900 ± 0.0283</td>"));
   EXPECT_THAT(html, HasSubstr("novel pose</td><td>1</td><td>22.00</td><td>22.00</td><td>–</td>"));
-  EXPECT_THAT(html, HasSubstr("all</td><td>3</td><td>22.00</td><td>20.00</td><td>0.8900</td>"));
+  EXPECT_THAT(html, HasSubstr("all</td><td>3</td><td>22.00 ± 2.00</td><td>20.00</td><td>0.8900 ± 0.0283</td>"));
   EXPECT_THAT(html, HasSubstr("<td>24.00</td><td>0.9100</td><td>3.250</td>"));
   EXPECT_THAT(html, HasSubstr("Left out of the mean SSIM: 1 without one."));
   EXPECT_THAT(html, Not(HasSubstr("Left out of the mean PSNR")));
@@ -120,7 +120,7 @@ TEST(Report, LpipsHasItsColumnsWhereItWasMeasuredAndNoNameElsewhere) {
   const std::string html = to_html(report);
   EXPECT_THAT(html, HasSubstr("<b>0.1875</b>mean LPIPS"));
   EXPECT_THAT(html, HasSubstr("<th>mean LPIPS</th></tr>"));
-  EXPECT_THAT(html, HasSubstr("novel view</td><td>2</td><td>22.00</td><td>20.00</td><td>0.8900</td><td>0.1875</td></tr>"));
+  EXPECT_THAT(html, HasSubstr("novel view</td><td>2</td><td>22.00 ± 2.83</td><td>20.00</td><td>0.8900 ± 0.0283</td><td>0.1875</td></tr>"));
   EXPECT_THAT(html, HasSubstr("novel pose</td><td>1</td><td>22.00</td><td>22.00</td><td>–</td><td>–</td></tr>"));
   EXPECT_THAT(html, HasSubstr("<th>SSIM</th><th>LPIPS</th>"));
   EXPECT_THAT(html, HasSubstr("<td>24.00</td><td>0.9100</td><td>0.2500</td><td>3.250</td>"));
