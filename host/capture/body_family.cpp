@@ -43,6 +43,11 @@ glm::dmat4 blended(const std::vector<glm::dmat4>& transforms, const glm::u8vec4&
   return sum;
 }
 
+// Of a member's pose, s.
+double pose_time(const BodyFamily& family, std::size_t member, std::size_t pose, std::size_t poses, double shift) {
+  return kSyntheticMotionSeconds * ((static_cast<double>(pose) + shift + static_cast<double>(member) / static_cast<double>(family.members.size())) / static_cast<double>(poses));
+}
+
 // Triangles none of whose corners is left out; normals of all.
 CanonicalSurface visible_surface(const ClothedFigure& figure, std::vector<glm::dvec3> vertices, const std::vector<bool>& left_out) {
   CanonicalSurface surface;
@@ -129,7 +134,13 @@ CanonicalSurface canonical_surface(const ClothedFigure& figure, const CanonicalP
   return visible_surface(figure, std::move(vertices), flattened);
 }
 
-std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed) {
+std::vector<Pose> member_poses(const BodyFamily& family, std::size_t member, std::size_t poses, std::uint64_t seed, double shift) {
+  std::vector<Pose> all;
+  for (std::size_t p = 0; p < poses; ++p) all.push_back(synthetic_pose(family.members[member].figure, SyntheticSplit::kTrain, pose_time(family, member, p, poses, shift), seed));
+  return all;
+}
+
+std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed, double shift) {
   std::vector<FamilyScan> scans;
   for (std::size_t m = 0; m < family.members.size(); ++m) {
     const ClothedFigure& figure = family.members[m].figure;
@@ -139,8 +150,7 @@ std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses
       continue;
     }
     for (std::size_t p = 0; p < poses; ++p) {
-      const double part = (static_cast<double>(p) + static_cast<double>(m) / static_cast<double>(family.members.size())) / static_cast<double>(poses);
-      const double at = kSyntheticMotionSeconds * part;
+      const double at = pose_time(family, m, p, poses, shift);
       const Pose pose = synthetic_pose(figure, SyntheticSplit::kTrain, at, seed), before = synthetic_pose(figure, SyntheticSplit::kTrain, at - kPoseLag, seed);
       scans.push_back({m, pose, canonical_surface(figure, canonical, pose, before, kPoseLag)});
     }

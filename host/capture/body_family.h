@@ -54,8 +54,12 @@ struct FamilyScan {
   CanonicalSurface surface;
 };
 
-// `poses` scans of each member, spread over the training motion, another part of it for each member; one at rest of a
-// member whose surface moves by skinning alone. By member, then by pose.
-std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed);
+// `poses` poses of a member, spread evenly over the training motion, another part of it for each member. shift: of all of them,
+// as a part of their spacing: with 0.5 those halfway between.
+std::vector<Pose> member_poses(const BodyFamily& family, std::size_t member, std::size_t poses, std::uint64_t seed, double shift = 0);
+
+// Scans of each member in its member_poses; one at rest of a member whose surface moves by skinning alone. By member, then by
+// pose.
+std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed, double shift = 0);
 
 }  // namespace arah

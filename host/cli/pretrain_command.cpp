@@ -25,6 +25,17 @@ struct PretrainCall {
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
+// Settings by their names, parts of the networks as "spec.sdf.pose=low_rank"; the spec is checked when all are made.
+void assign(PretrainSettings& settings, AvatarSpec& spec, const std::vector<std::string>& assignments) {
+  const std::string of_spec = "spec.";
+  std::string networks = spec_to_json(spec);
+  for (const std::string& assignment : assignments) {
+    if (assignment.starts_with(of_spec)) networks = with_field(networks, assignment.substr(of_spec.size()), "--set spec", "spec.sdf.width=96");
+    else settings = pretrain_settings_from_json(with_field(pretrain_settings_to_json(settings), assignment, "--set", "sdf.steps=200"), "--set");
+  }
+  spec = spec_from_json(networks, "--set: spec");
+}
+
 BodyFamily make_family(const PretrainCall& call, const PretrainSettings& settings, const Interrupt& interrupt) {
   if (!call.folder.empty()) return family_from_folder(call.folder);
   Progress progress("make bodies", static_cast<double>(settings.bodies), "bodies");
@@ -60,8 +71,7 @@ int pretrain(const PretrainCall& call) {
   }
   if (call.family) settings.bodies = *call.family;
   if (call.seed) settings.seed = *call.seed;
-  for (const std::string& assignment : call.settings)
-    settings = pretrain_settings_from_json(with_field(pretrain_settings_to_json(settings), assignment, "--set", "sdf.steps=200"), "--set");
+  assign(settings, spec, call.settings);
 
   Device device(call.device);
   fmt::print(stderr, "device: {} ({})\n", device.report().name, device.report().driver);
@@ -83,6 +93,10 @@ int pretrain(const PretrainCall& call) {
     return !interrupt.wanted();
   });
   if (progress && finished) progress->finish(fmt::format("loss {:.4g}  {}  {}", loss, shaders_text(device), call.run.out.string()));
+  if (finished && spec.sdf.pose != PoseConditioning::none) {
+    const Pretraining::HeldOut losses = pretraining.held_out();
+    fmt::print(stderr, "in poses between those learned from: loss {:.4g}, {:.4g} with the SDF that all poses share\n", losses.posed, losses.shared);
+  }
   if (call.device.profile) fmt::print("{}", device.profiler().table());
   if (finished) return 0;
   throw std::runtime_error(fmt::format("stopped; {} holds what there is, continue with --resume", call.run.out.string()));
@@ -98,10 +112,10 @@ void add_pretrain_command(CLI::App& program, Run& run) {
   CLI::Option* family = command->add_option("--family", call->family, "learn from so many generated people (default: the preset's 8, 24 or 64)")->check(CLI::Range(1, 10000));
   command->add_option("--family-folder", call->folder, "learn from the .glb and .gltf bodies of this folder, all with the same joints")->excludes(family);
   command->add_option("--seed", call->seed, "of first values, poses and points (default: 0)");
-  command->add_option("--set", call->settings, "NAME=VALUE: any setting, such as sdf.steps=400 or skinning.inner_rate=1e-4; may be repeated")
+  command->add_option("--set", call->settings, "NAME=VALUE: any setting, such as sdf.steps=400 or skinning.inner_rate=1e-4, and of the networks spec.sdf.pose=low_rank; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  command->add_flag("--resume", call->run.resume, "go on with the file; with more sdf.steps or skinning.steps also beyond the end");
+  command->add_flag("--resume", call->run.resume, "go on with the file; with more sdf.steps, skinning.steps or pose.steps also beyond the end");
   add_device_option(*command, call->device);
   add_memory_option(*command, call->device);
   command->add_flag("--profile", call->device.profile, "time every launch on the device and print the table");

@@ -1,6 +1,7 @@
 #include "host/training/prior.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -18,13 +19,23 @@ const std::string& prior_text(const SafetensorsFile& file, const char* key) {
   return found->second;
 }
 
+bool of_pose_networks(const TensorSlot& slot) {
+  return std::ranges::any_of(std::array{"pose_code.", "hyper.", "low_rank.", "hyper_last."}, [&](const char* group) { return slot.name.starts_with(group); });
+}
+
+std::string pose_text(const SdfSpec& sdf) {
+  return sdf.pose == PoseConditioning::none ? "none" : fmt::format("{} of width {} with {} hidden layers", to_string(sdf.pose), sdf.pose_width, sdf.pose_hidden_layers);
+}
+
 }  // namespace
+
+bool of_prior(const TensorSlot& slot) { return slot.name.starts_with("sdf.") || slot.name.starts_with("skinning.") || of_pose_networks(slot); }
 
 SafetensorsFile prior_tensors(const Avatar& avatar, const PretrainSettings& settings, const std::string& family) {
   check_finite(avatar);
   SafetensorsFile file;
   for (const TensorSlot& slot : avatar.layout.slots)
-    if (slot.name.starts_with("sdf.") || slot.name.starts_with("skinning.")) file.tensors[slot.name] = Tensor::from<float>(slot.shape, avatar.tensor(slot.name));
+    if (of_prior(slot)) file.tensors[slot.name] = Tensor::from<float>(slot.shape, avatar.tensor(slot.name));
   const Skeleton& skeleton = avatar.body.skeleton;
   file.metadata = {{kPriorKey, kPriorFormat},
                    {"version", kVersion},
@@ -60,7 +71,7 @@ Prior read_prior(const std::filesystem::path& path) {
   return prior;
 }
 
-void start_from_prior(Avatar& avatar, const Prior& prior) {
+std::string start_from_prior(Avatar& avatar, const Prior& prior) {
   const std::string where = prior.file.path.string();
   const std::string advice = "Train without --prior, or make one for this avatar with arah pretrain.";
   const auto require = [&](const char* field, const auto& expected, const auto& found) {
@@ -82,14 +93,18 @@ void start_from_prior(Avatar& avatar, const Prior& prior) {
     require("skinning.width", avatar.spec.skinning.width, prior.spec.skinning.width);
     require("skinning.hidden_layers", avatar.spec.skinning.hidden_layers, prior.spec.skinning.hidden_layers);
   }
+  const bool poses = sdf.pose != PoseConditioning::none && sdf.pose == prior_sdf.pose && sdf.pose_width == prior_sdf.pose_width && sdf.pose_hidden_layers == prior_sdf.pose_hidden_layers;
   std::vector<std::pair<const TensorSlot*, std::vector<float>>> taken;
   for (const TensorSlot& slot : avatar.layout.slots) {
-    if (!slot.name.starts_with("sdf.") && !(skins && slot.name.starts_with("skinning."))) continue;
+    if (!slot.name.starts_with("sdf.") && !(skins && slot.name.starts_with("skinning.")) && !(poses && of_pose_networks(slot))) continue;
     taken.emplace_back(&slot, prior.file.values<float>(slot.name, slot.shape));
     for (const float value : taken.back().second)
       if (!std::isfinite(value)) throw InputError(where, fmt::format("tensor \"{}\"", slot.name), "finite numbers", fmt::format("{}", value));
   }
   for (const auto& [slot, values] : taken) std::ranges::copy(values, avatar.tensor(slot->name).begin());
+  if (sdf.pose == PoseConditioning::none && prior_sdf.pose == PoseConditioning::none) return {};
+  if (poses) return "pose networks from the prior: " + pose_text(sdf);
+  return fmt::format("pose networks not from the prior: the avatar's are {}, the prior's {}", pose_text(sdf), pose_text(prior_sdf));
 }
 
 }  // namespace arah

@@ -1,0 +1,223 @@
+// The second stage of a prior: pose networks over the SDF that the first stage left.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <map>
+#include <memory>
+
+#include "host/training/pretrain_tasks.h"
+#include "host/training/pretraining.h"
+#include "host/training/template_fit.h"
+#include "tests/host/training/training_scene.h"
+
+namespace arah {
+namespace {
+
+const BodyFamily& clothed_family() {
+  static const BodyFamily family = generated_family(2, 1);
+  return family;
+}
+
+AvatarSpec posed_spec(PoseConditioning pose, uint32_t width = 16) {
+  AvatarSpec spec = small_spec();
+  spec.skinning = {Skinning::template_weights, 0, 0};
+  spec.sdf.pose = pose;
+  spec.sdf.pose_width = width;
+  spec.sdf.pose_hidden_layers = 1;
+  return spec;
+}
+
+// Five poses in batches of two: the last of a pass is one pose.
+PretrainSettings two_stages() {
+  PretrainSettings settings;
+  settings.seed = 5;
+  settings.bodies = 2;
+  settings.poses = 5;
+  settings.sdf = {.steps = 40, .tasks = 2, .inner_steps = 6, .inner_rate = 1e-3, .outer_rate = 2e-3};
+  settings.pose = {.steps = 25, .tasks = 2, .inner_steps = 2, .inner_rate = 1e-4, .outer_rate = 1e-4};
+  settings.pose_batch = 2;
+  settings.surface_points = 200;  // no multiple of 64
+  settings.volume_points = 130;
+  return settings;
+}
+
+bool same_tensors(const SafetensorsFile& a, const SafetensorsFile& b) {
+  if (a.tensors.size() != b.tensors.size()) return false;
+  for (const auto& [name, tensor] : a.tensors)
+    if (!b.tensors.contains(name) || tensor.data != b.tensors.at(name).data) return false;
+  return true;
+}
+
+class PosePretraining : public DeviceTest, public testing::WithParamInterface<PoseConditioning> {
+ protected:
+  std::filesystem::path file(const std::string& name) const { return small_capture().path / (name + "_" + to_string(GetParam()) + ".safetensors"); }
+  // After the first stage.
+  std::unique_ptr<Pretraining> first_stage(const BodyFamily& family) {
+    auto pretraining = std::make_unique<Pretraining>(device, posed_spec(GetParam()), family, two_stages());
+    for (int step = 0; step < 40; ++step) pretraining->sdf_step();
+    return pretraining;
+  }
+};
+
+TEST_P(PosePretraining, LowersTheLossInPosesThatItDidNotSee) {
+  const auto stages = first_stage(clothed_family());
+  Pretraining& pretraining = *stages;
+  const Pretraining::HeldOut start = pretraining.held_out();
+  EXPECT_EQ(start.posed, start.shared) << "networks of zero change nothing, to the last bit";
+  std::vector<double> losses;
+  for (int step = 0; step < 25; ++step) losses.push_back(pretraining.pose_step());
+  const Pretraining::HeldOut end = pretraining.held_out();
+  std::printf("  held-out poses: %.3f with the pose, %.3f with the shared SDF; tasks %.3f at first, %.3f at last\n", end.posed, end.shared, losses.front(), losses.back());
+  EXPECT_EQ(end.shared, start.shared) << "the first stage's SDF stays";
+  EXPECT_LT(end.posed, 0.97 * end.shared);
+  EXPECT_LT(losses.back(), losses.front());
+
+  // An avatar starts with them, and the fit to its template goes through them.
+  write_safetensors(file("learned"), pretraining.tensors());
+  const Prior prior = read_prior(file("learned"));
+  Avatar avatar = make_avatar(posed_spec(GetParam()), small_capture(), 3);
+  EXPECT_THAT(start_from_prior(avatar, prior), testing::StartsWith("pose networks from the prior"));
+  const std::string changing = GetParam() == PoseConditioning::low_rank ? "low_rank.1.U" : "hyper_last.1.W";
+  const std::vector<float> kept(avatar.tensor(changing).begin(), avatar.tensor(changing).end());
+  EXPECT_TRUE(std::ranges::any_of(kept, [](float w) { return w != 0; }));
+  TrainingSettings settings = small_settings();
+  settings.fit_steps = 120;
+  const std::vector<Pose> poses = member_poses(clothed_family(), 0, 3, 0);
+  const TemplateFit fit = fit_template(device, avatar, settings, {}, poses);
+  std::printf("  fitted in poses: %.2f mm\n", 1e3 * fit.sdf_error);
+  EXPECT_LT(fit.sdf_error, 0.006);
+  EXPECT_TRUE(std::ranges::equal(avatar.tensor(changing), kept)) << "the fit moves the shared SDF alone";
+
+  // Of other sizes they are left, in so many words; the SDF is taken.
+  Avatar other = make_avatar(posed_spec(GetParam(), 8), small_capture(), 3);
+  const std::vector<float> own = other.parameters;
+  EXPECT_THAT(start_from_prior(other, prior), testing::AllOf(testing::StartsWith("pose networks not from the prior"), testing::HasSubstr("of width 8"), testing::HasSubstr("of width 16")));
+  for (const ParameterGroup& group : other.layout.groups) {
+    const auto begin = static_cast<std::ptrdiff_t>(group.begin), end_at = static_cast<std::ptrdiff_t>(group.end);
+    EXPECT_EQ(std::equal(own.begin() + begin, own.begin() + end_at, other.parameters.begin() + begin), group.name != "sdf") << group.name;
+  }
+}
+
+TEST_P(PosePretraining, ContinuesToTheSameBits) {
+  Pretraining whole(device, posed_spec(GetParam()), clothed_family(), two_stages()), parts(device, posed_spec(GetParam()), clothed_family(), two_stages());
+  std::vector<double> losses;
+  for (int step = 0; step < 2; ++step) whole.sdf_step(), parts.sdf_step();
+  for (int step = 0; step < 4; ++step) losses.push_back(whole.pose_step());
+  for (std::size_t step = 0; step < 2; ++step) EXPECT_EQ(parts.pose_step(), losses[step]);
+  parts.held_out();  // changes nothing
+  write_safetensors(file("parts"), parts.tensors());
+  Pretraining resumed(device, posed_spec(GetParam()), clothed_family(), two_stages());
+  resumed.resume(read_safetensors(file("parts")));
+  EXPECT_EQ(resumed.pose_steps(), 2u);
+  for (std::size_t step = 2; step < 4; ++step) EXPECT_EQ(resumed.pose_step(), losses[step]);
+  EXPECT_TRUE(same_tensors(resumed.tensors(), whole.tensors()));
+}
+
+// Bodies without clothes have one canonical surface in all poses, and the pose networks are to learn just that.
+TEST_P(PosePretraining, BodiesThatOnlyFollowTheirJointsAreTakenInPoses) {
+  BodyFamily naked = clothed_family();
+  for (FamilyMember& member : naked.members) member.figure = undressed_rig(member.figure.body);
+  const auto pretraining = first_stage(naked);
+  for (int step = 0; step < 25; ++step) pretraining->pose_step();
+  const Pretraining::HeldOut end = pretraining->held_out();
+  std::printf("  at rest: %.3f with the pose, %.3f with the shared SDF\n", end.posed, end.shared);
+  EXPECT_LT(end.posed, end.shared);  // the networks see the bodies' joints, and tell one body from the other
+}
+
+// An inner step's gradient against differences of the loss along it, group by group, from networks that are not zero.
+TEST_P(PosePretraining, AnInnerStepFollowsTheGradient) {
+  PretrainSettings settings = two_stages();
+  settings.parameter_weight = 0;  // which the loss does not count
+  Avatar avatar = make_avatar(prior_spec(posed_spec(GetParam())), clothed_family().members.front().figure.body, {}, 4);
+  for (const TensorSlot& slot : avatar.layout.slots)
+    if (slot.name.starts_with("hyper_last.") || (slot.name.starts_with("low_rank.") && !slot.name.ends_with(".V"))) {
+      const std::vector<float> values = uniform(slot.count, -3e-3, 3e-3);
+      std::ranges::copy(values, avatar.tensor(slot.name).begin());
+    }
+  AvatarNetworks networks(device, avatar, true, settings.pose_batch);
+  ScanLoss loss(device, networks, settings);
+  const std::vector<FamilyScan> scans = family_scans(clothed_family(), 2, 0);
+  std::vector<ScanPoints> points;
+  std::vector<std::vector<PosedScan>> bodies(1);
+  for (std::size_t s = 0; s < 2; ++s) points.emplace_back(scans[s], avatar.cube), bodies[0].push_back({s, pose_input(avatar, scans[s].pose)});
+  PoseTasks tasks(device, networks, loss, points, bodies, settings);
+  EXPECT_EQ(tasks.inner_steps(), 2u);
+  std::mt19937_64 random(1);
+  tasks.draw(0, 0, random);
+  const auto run = [&] {
+    commands.fill(networks.gradients(), 0);
+    tasks.clear_losses(commands);
+    tasks.record(commands);
+    commands.submit_and_wait();
+    return tasks.loss();
+  };
+  run();
+  ASSERT_EQ(tasks.frames(), 2u);
+
+  std::map<std::string, std::vector<float>> gradients;  // of the whole buffer, 0 outside the group
+  const auto written = device.download<float>(networks.gradients());
+  for (const char* name : {"pose_code", "hyper", "low_rank"}) {
+    const ParameterGroup& group = networks.layout().group(name);
+    if (group.size() == 0) continue;
+    std::vector<float>& gradient = gradients[name];
+    gradient.assign(networks.layout().floats, 0.0F);
+    std::copy_n(written.begin() + static_cast<std::ptrdiff_t>(group.begin), group.size(), gradient.begin() + static_cast<std::ptrdiff_t>(group.begin));
+  }
+  if (GetParam() == PoseConditioning::hypernetwork) {
+    std::vector<float>& gradient = gradients["hyper_last"];
+    gradient.assign(networks.layout().floats, 0.0F);
+    for (const AvatarNetworks::LastGradient& part : networks.hyper_last_gradients(2)) {
+      const OuterProduct& product = part.product;
+      const auto a = device.download<float>(product.a), b = device.download<float>(product.b);
+      for (uint32_t frame = 0; frame < 2; ++frame)
+        for (uint32_t row = 0; row < product.rows; ++row)
+          for (uint32_t column = 0; column < product.columns; ++column)
+            gradient[part.slot.offset + row * product.columns + column] += a[frame * product.row_stride + row] * b[frame * product.column_stride + product.first_column + column];
+    }
+  }
+  for (const auto& [name, gradient] : gradients) {
+    double square = 0;
+    for (const float g : gradient) square += double{g} * g;
+    const double norm = std::sqrt(square), step = 0.05 / norm;  // the loss changes by 0.05 either way
+    const auto loss_at = [&](double along) {
+      std::vector<float> moved = avatar.parameters;
+      for (std::size_t i = 0; i < moved.size(); ++i) moved[i] = static_cast<float>(moved[i] + along * gradient[i] / norm);
+      device.upload(networks.parameters(), moved);
+      return run();
+    };
+    const double slope = (loss_at(step) - loss_at(-step)) / (2 * step);
+    std::printf("  %s: gradient's norm %.4f, by differences %.4f\n", name.c_str(), norm, slope);
+    EXPECT_NEAR(slope, norm, 0.01 * norm) << name;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(BothKinds, PosePretraining, testing::Values(PoseConditioning::low_rank, PoseConditioning::hypernetwork), [](const auto& kind) { return std::string(to_string(kind.param)); });
+
+TEST(PosePretrainingMemory, TooLowACeilingIsRefusedAtOnceWithTheOneThatWouldDo) {
+  DeviceOptions options = DeviceOptions::from_environment();
+  options.memory_ceiling = 1 << 20;
+  Device device(options);
+  try {
+    Pretraining(device, posed_spec(PoseConditioning::hypernetwork, 64), clothed_family(), two_stages());
+    FAIL() << "nothing was refused";
+  } catch (const MemoryCeilingError& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("pre-training: asks for"), testing::HasSubstr("the memory ceiling is 1")));
+  }
+}
+
+TEST(PosePretrainingSettings, AFileFromBeforeTheSecondStageReads) {
+  PretrainSettings settings = two_stages();
+  settings.pose = PretrainSettings().pose;
+  settings.pose_batch = PretrainSettings().pose_batch;
+  const std::string text = pretrain_settings_to_json(settings);
+  std::string before = text;
+  const std::size_t from = before.find("  \"pose\": {"), to = before.find("  \"surface_points\"");
+  ASSERT_TRUE(from != std::string::npos && to != std::string::npos && from < to);
+  before.erase(from, to - from);
+  EXPECT_EQ(pretrain_settings_to_json(pretrain_settings_from_json(before, "here")), text);
+  EXPECT_EQ(settings.pose.steps, 0u);
+}
+
+}  // namespace
+}  // namespace arah
