@@ -61,7 +61,7 @@ CanonicalSurface visible_surface(const ClothedFigure& figure, std::vector<glm::d
 
 }  // namespace
 
-BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const std::function<bool(std::size_t)>& progress) {
+BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const std::function<bool(std::size_t)>& progress, const std::optional<RestingArms>& arms) {
   if (bodies == 0) throw InputError("family", "bodies", "at least 1", "0");
   BodyFamily family;
   family.members.resize(bodies);
@@ -74,6 +74,7 @@ BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const 
       try {
         const std::uint64_t seed = first_seed + i;
         family.members[i] = {fmt::format("body {}", seed), make_clothed_figure(0, varied_figure(seed))};
+        if (arms) rest_with(family.members[i].figure, *arms);
         const std::lock_guard lock(mutex);
         if (progress && !progress(++made)) throw std::runtime_error("stopped");
       } catch (...) {
@@ -89,8 +90,21 @@ BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const 
     work();
   }
   if (error) std::rethrow_exception(error);
-  family.description = nlohmann::ordered_json{{"kind", "generated"}, {"bodies", bodies}, {"first_seed", first_seed}}.dump();
+  nlohmann::ordered_json description{{"kind", "generated"}, {"bodies", bodies}, {"first_seed", first_seed}};
+  if (arms)
+    for (const auto& side : arms->bones)
+      for (const glm::dvec3& bone : side) description["arms"].push_back({bone.x, bone.y, bone.z});
+  family.description = description.dump();
   return family;
+}
+
+std::optional<RestingArms> described_arms(const std::string& description) {
+  const auto parsed = nlohmann::json::parse(description);
+  if (!parsed.contains("arms")) return {};
+  RestingArms arms;
+  for (std::size_t i = 0; i < 6; ++i)
+    for (int axis = 0; axis < 3; ++axis) arms.bones[i / 3][i % 3][axis] = parsed.at("arms").at(i).at(static_cast<std::size_t>(axis));
+  return arms;
 }
 
 BodyFamily family_from_folder(const std::filesystem::path& folder) {

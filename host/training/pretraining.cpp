@@ -54,6 +54,9 @@ struct Pretraining::State {
     for (std::size_t m = 0; m < family.members.size(); ++m) {
       Avatar& member = members.emplace_back(make_avatar(plain, family.members[m].figure.body, {}, settings.seed));
       cubes.push_back(member.cube);
+      const std::vector<glm::dvec3> member_places = joint_places(member);
+      places.resize(member_places.size(), glm::dvec3(0.0));
+      for (std::size_t j = 0; j < places.size(); ++j) places[j] += member_places[j] / double(family.members.size());
       if (skins) pools.push_back(draw_weight_samples(member, settings.seed + m));
       member.spec.sdf = avatar.spec.sdf;
       member.parameters.clear();
@@ -121,6 +124,7 @@ struct Pretraining::State {
   ScanLoss loss;
   std::vector<Avatar> members;           // without parameters
   std::vector<CubeNormalization> cubes;  // by member
+  std::vector<glm::dvec3> places;        // of joints, mean over members
   std::vector<FamilyScan> scans;
   std::vector<ScanPoints> points;               // of each scan
   std::vector<std::vector<PosedScan>> bodies;   // by member, where the SDF follows the pose
@@ -187,7 +191,7 @@ Pretraining::HeldOut Pretraining::held_out() {
 SafetensorsFile Pretraining::tensors() {
   State& s = *state_;
   s.avatar.parameters = s.device.download<float>(s.networks.parameters().elements(0, s.networks.layout().floats));
-  SafetensorsFile file = prior_tensors(s.avatar, s.settings, s.family.description);
+  SafetensorsFile file = prior_tensors(s.avatar, s.settings, s.family.description, s.places);
   s.sdf->save(file);
   if (s.skinning) s.skinning->save(file);
   if (s.pose) s.pose->save(file);

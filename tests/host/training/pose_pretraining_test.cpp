@@ -192,6 +192,72 @@ TEST_P(PosePretraining, AnInnerStepFollowsTheGradient) {
   }
 }
 
+// Distances in metres at canonical places, in a pose.
+std::vector<double> distances(Device& device, const Avatar& avatar, const std::vector<glm::dvec3>& places, const Pose& pose) {
+  AvatarNetworks networks(device, avatar, true);
+  SirenTape tape(device, "test: sdf", networks.sdf_shape(), padded_points(static_cast<uint32_t>(places.size())), SirenTape::Holds::second_order);
+  std::vector<float> input(size_t{tape.capacity()} * channel_padding);
+  for (std::size_t i = 0; i < places.size(); ++i)
+    for (int axis = 0; axis < 3; ++axis) input[i * channel_padding + static_cast<std::size_t>(axis)] = static_cast<float>(avatar.cube.to_cube(places[i])[axis]);
+  device.upload(tape.input().slice, input);
+  Commands commands(device);
+  networks.record_pack(commands, 0, pose_input(avatar, pose));
+  networks.sdf().record_forward(commands, tape, {static_cast<uint32_t>(places.size()), {}}, true);
+  commands.submit_and_wait();
+  const auto f = device.download<float>(tape.sdf().slice);
+  std::vector<double> all;
+  for (std::size_t i = 0; i < places.size(); ++i) all.push_back(double{f[i * channel_padding]} * avatar.cube.metres_per_unit());
+  return all;
+}
+
+// Of layer 0 before its softplus.
+std::vector<double> first_skinning_layer(const Avatar& avatar, const glm::dvec3& place) {
+  const auto v = avatar.tensor("skinning.0.v"), g = avatar.tensor("skinning.0.g"), b = avatar.tensor("skinning.0.b");
+  std::vector<double> all;
+  for (std::size_t row = 0; row < g.size(); ++row) {
+    const glm::dvec3 direction(v[3 * row], v[3 * row + 1], v[3 * row + 2]);
+    all.push_back(double{g[row]} * glm::dot(direction, avatar.cube.to_cube(place)) / glm::length(direction) + double{b[row]});
+  }
+  return all;
+}
+
+// A mesh with other vertices has another cube, and the prior's networks say the same of the same places in it.
+TEST_P(PosePretraining, AnAvatarOfAnotherCubeSeesTheSameFields) {
+  AvatarSpec spec = posed_spec(GetParam());
+  spec.skinning = small_spec().skinning;
+  BodyTemplate body = small_capture().body_template;
+  Avatar of_prior_cube = make_avatar(prior_spec(spec), body, {}, 4);
+  for (const TensorSlot& slot : of_prior_cube.layout.slots)
+    if (slot.name.starts_with("hyper_last.") || (slot.name.starts_with("low_rank.") && !slot.name.ends_with(".V"))) {
+      const std::vector<float> values = uniform(slot.count, -3e-3, 3e-3);
+      std::ranges::copy(values, of_prior_cube.tensor(slot.name).begin());
+    }
+  write_safetensors(file("moved"), prior_tensors(of_prior_cube, two_stages(), "{}", joint_places(of_prior_cube)));
+  for (std::size_t i = 0, head = body.vertices.size() / 3; i < head; ++i) {  // vertices of no triangle
+    body.vertices.emplace_back(0.3F, 2.4F, -0.2F);
+    body.normals.push_back(body.normals[i]), body.joints.push_back(body.joints[i]), body.weights.push_back(body.weights[i]);
+  }
+  body.glb.clear();
+  Avatar moved = make_avatar(spec, body, {0}, 4);
+  ASSERT_GT(glm::length(moved.cube.center - of_prior_cube.cube.center), 0.1);
+  ASSERT_GT(std::abs(moved.cube.metres_per_unit() - of_prior_cube.cube.metres_per_unit()), 0.02);
+  start_from_prior(moved, read_prior(file("moved")));
+
+  std::vector<glm::dvec3> places;
+  std::uniform_real_distribution<double> unit(-0.8, 0.8);
+  for (int i = 0; i < 100; ++i) places.emplace_back(unit(generator), 1 + unit(generator), unit(generator));
+  const Pose pose = member_poses(clothed_family(), 0, 3, 0)[1];
+  const std::vector<double> expected = distances(device, of_prior_cube, places, pose), shared = distances(device, of_prior_cube, places, rest_pose(body.skeleton)), found = distances(device, moved, places, pose);
+  double change = 0;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    EXPECT_NEAR(found[i], expected[i], 2e-5) << i;
+    change = std::max(change, std::abs(expected[i] - shared[i]));
+    const std::vector<double> skinning = first_skinning_layer(of_prior_cube, places[i]), skinning_found = first_skinning_layer(moved, places[i]);
+    for (std::size_t row = 0; row < skinning.size(); ++row) ASSERT_NEAR(skinning_found[row], skinning[row], 1e-5);
+  }
+  EXPECT_GT(change, 1e-4) << "the pose must matter for this to say anything of its networks";
+}
+
 INSTANTIATE_TEST_SUITE_P(BothKinds, PosePretraining, testing::Values(PoseConditioning::low_rank, PoseConditioning::hypernetwork), [](const auto& kind) { return std::string(to_string(kind.param)); });
 
 TEST(PosePretrainingMemory, TooLowACeilingIsRefusedAtOnceWithTheOneThatWouldDo) {
