@@ -131,7 +131,7 @@ void add_pretrain_command(CLI::App& program, Run& run) {
   command->footer(
       "Ctrl-C stops after the current outer step and leaves the file (exit code 1).\n"
       "An SDF that follows the pose (spec.sdf.pose of low_rank or hypernetwork; preset paper) is learned after the one that all poses\n"
-      "share. With the preset paper, 85 million numbers, that takes 1.8 GB of buffers and as much of the process, and 1.1 GB of file.\n"
+      "share. At the paper's 85 million numbers that takes 2.1 GB of buffers and, while its file of 1 GB is written, some 2.5 GB beside them.\n"
       "Example: arah pretrain -o people.safetensors --family 8 --rest-as capture/template.glb && arah train capture -o run --prior people.safetensors");
   command->callback([call, &run] {
     run = [call] { return pretrain(*call); };
