@@ -43,6 +43,11 @@ glm::dmat4 blended(const std::vector<glm::dmat4>& transforms, const glm::u8vec4&
   return sum;
 }
 
+// Of a member's pose, s.
+double pose_time(const BodyFamily& family, std::size_t member, std::size_t pose, std::size_t poses, double shift) {
+  return kSyntheticMotionSeconds * ((static_cast<double>(pose) + shift + static_cast<double>(member) / static_cast<double>(family.members.size())) / static_cast<double>(poses));
+}
+
 // Triangles none of whose corners is left out; normals of all.
 CanonicalSurface visible_surface(const ClothedFigure& figure, std::vector<glm::dvec3> vertices, const std::vector<bool>& left_out) {
   CanonicalSurface surface;
@@ -56,7 +61,7 @@ CanonicalSurface visible_surface(const ClothedFigure& figure, std::vector<glm::d
 
 }  // namespace
 
-BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const std::function<bool(std::size_t)>& progress) {
+BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const std::function<bool(std::size_t)>& progress, const std::optional<RestingArms>& arms) {
   if (bodies == 0) throw InputError("family", "bodies", "at least 1", "0");
   BodyFamily family;
   family.members.resize(bodies);
@@ -69,6 +74,7 @@ BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const 
       try {
         const std::uint64_t seed = first_seed + i;
         family.members[i] = {fmt::format("body {}", seed), make_clothed_figure(0, varied_figure(seed))};
+        if (arms) rest_with(family.members[i].figure, *arms);
         const std::lock_guard lock(mutex);
         if (progress && !progress(++made)) throw std::runtime_error("stopped");
       } catch (...) {
@@ -84,8 +90,21 @@ BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const 
     work();
   }
   if (error) std::rethrow_exception(error);
-  family.description = nlohmann::ordered_json{{"kind", "generated"}, {"bodies", bodies}, {"first_seed", first_seed}}.dump();
+  nlohmann::ordered_json description{{"kind", "generated"}, {"bodies", bodies}, {"first_seed", first_seed}};
+  if (arms)
+    for (const auto& side : arms->bones)
+      for (const glm::dvec3& bone : side) description["arms"].push_back({bone.x, bone.y, bone.z});
+  family.description = description.dump();
   return family;
+}
+
+std::optional<RestingArms> described_arms(const std::string& description) {
+  const auto parsed = nlohmann::json::parse(description);
+  if (!parsed.contains("arms")) return {};
+  RestingArms arms;
+  for (std::size_t i = 0; i < 6; ++i)
+    for (int axis = 0; axis < 3; ++axis) arms.bones[i / 3][i % 3][axis] = parsed.at("arms").at(i).at(static_cast<std::size_t>(axis));
+  return arms;
 }
 
 BodyFamily family_from_folder(const std::filesystem::path& folder) {
@@ -129,7 +148,13 @@ CanonicalSurface canonical_surface(const ClothedFigure& figure, const CanonicalP
   return visible_surface(figure, std::move(vertices), flattened);
 }
 
-std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed) {
+std::vector<Pose> member_poses(const BodyFamily& family, std::size_t member, std::size_t poses, std::uint64_t seed, double shift) {
+  std::vector<Pose> all;
+  for (std::size_t p = 0; p < poses; ++p) all.push_back(synthetic_pose(family.members[member].figure, SyntheticSplit::kTrain, pose_time(family, member, p, poses, shift), seed));
+  return all;
+}
+
+std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed, double shift) {
   std::vector<FamilyScan> scans;
   for (std::size_t m = 0; m < family.members.size(); ++m) {
     const ClothedFigure& figure = family.members[m].figure;
@@ -139,8 +164,7 @@ std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses
       continue;
     }
     for (std::size_t p = 0; p < poses; ++p) {
-      const double part = (static_cast<double>(p) + static_cast<double>(m) / static_cast<double>(family.members.size())) / static_cast<double>(poses);
-      const double at = kSyntheticMotionSeconds * part;
+      const double at = pose_time(family, m, p, poses, shift);
       const Pose pose = synthetic_pose(figure, SyntheticSplit::kTrain, at, seed), before = synthetic_pose(figure, SyntheticSplit::kTrain, at - kPoseLag, seed);
       scans.push_back({m, pose, canonical_surface(figure, canonical, pose, before, kPoseLag)});
     }

@@ -4,10 +4,12 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "host/body/canonical.h"
+#include "host/capture/resting_arms.h"
 #include "host/capture/synthetic_figure.h"
 
 namespace arah {
@@ -19,14 +21,18 @@ struct FamilyMember {
 
 struct BodyFamily {
   std::vector<FamilyMember> members;  // at least one; all with the joint names and parents of the first
-  std::string description;            // JSON: {"kind": "generated", "bodies", "first_seed"} or {"kind": "folder", "files"}
+  std::string description;            // JSON: {"kind": "generated", "bodies", "first_seed", "arms" where they are not the T-pose's} or {"kind": "folder", "files"}
 
   const Skeleton& skeleton() const { return members.front().figure.body.skeleton; }
 };
 
 // The built-in figure in `bodies` builds and wardrobes: varied_figure(first_seed), … Takes about a second a body and
-// processor; progress: how many are made; return false to stop (throws std::runtime_error "stopped").
-BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const std::function<bool(std::size_t)>& progress = {});
+// processor; progress: how many are made; return false to stop (throws std::runtime_error "stopped"). arms: how they rest;
+// the built-in figure's T-pose without.
+BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const std::function<bool(std::size_t)>& progress = {}, const std::optional<RestingArms>& arms = {});
+
+// The arms that a generated family's description states; none for the T-pose and other families.
+std::optional<RestingArms> described_arms(const std::string& description);
 
 // The .glb and .gltf files of a folder, in the order of their names, as they are. Throws InputError: no such folder, no
 // such file in it, a file that cannot be read, or one whose joints are not those of the first (named with the joint).
@@ -54,8 +60,12 @@ struct FamilyScan {
   CanonicalSurface surface;
 };
 
-// `poses` scans of each member, spread over the training motion, another part of it for each member; one at rest of a
-// member whose surface moves by skinning alone. By member, then by pose.
-std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed);
+// `poses` poses of a member, spread evenly over the training motion, another part of it for each member. shift: of all of them,
+// as a part of their spacing: with 0.5 those halfway between.
+std::vector<Pose> member_poses(const BodyFamily& family, std::size_t member, std::size_t poses, std::uint64_t seed, double shift = 0);
+
+// Scans of each member in its member_poses; one at rest of a member whose surface moves by skinning alone. By member, then by
+// pose.
+std::vector<FamilyScan> family_scans(const BodyFamily& family, std::size_t poses, std::uint64_t seed, double shift = 0);
 
 }  // namespace arah

@@ -41,6 +41,7 @@ void TrainingProgress::show(const RunEvent& event) {
       if (!fit_) fit_.emplace("fit to the template", 1.0, "");
       fit_->finish(fmt::format("surface within {:.2f} mm, skinning weights within {:.4f}", 1e3 * event.fit.sdf_error,
                                event.fit.skinning_error));
+      if (!event.prior.empty()) fmt::print(stderr, "{}\n", event.prior);
       break;
     case RunEvent::Kind::resumed:
       fmt::print(stderr, "resumed from {} at step {}\n", event.file.string(), event.step.step);

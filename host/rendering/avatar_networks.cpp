@@ -207,10 +207,25 @@ void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, c
     commands.copy(code_gradient_.slice().elements(0, spec_.latent_size), gradient("latent").elements(latent_row * spec_.latent_size, spec_.latent_size));
 }
 
+void AvatarNetworks::record_pack_shared_sdf(Commands& commands) {
+  if (pose_networks_) pose_networks_->record_shared(commands);
+  sdf_->record_pack(commands);
+}
+
 void AvatarNetworks::record_unpack_shared_sdf(Commands& commands) {
   if (pose_networks_) pose_networks_->record_clear_gradient(commands);
   sdf_->record_unpack(commands);
   if (pose_networks_) pose_networks_->record_shared_backward(commands);
+}
+
+std::vector<AvatarNetworks::LastGradient> AvatarNetworks::hyper_last_gradients(uint32_t frames) {
+  std::vector<LastGradient> all;
+  for (uint32_t l = 0; l <= spec_.sdf.sine_layers; ++l) {
+    const std::string name = "hyper_last." + std::to_string(l);
+    all.push_back({layout_.slot(name + ".W"), pose_networks_->dense_w_gradient(l, frames)});
+    all.push_back({layout_.slot(name + ".b"), pose_networks_->dense_b_gradient(l, frames)});
+  }
+  return all;
 }
 
 std::vector<float> AvatarNetworks::download_pose_gradient(Device& device) {

@@ -60,9 +60,16 @@ class AvatarNetworks {
     uint32_t slot = 0;
   };
   void record_unpack(Commands& commands, std::size_t latent_row, const Parts& parts, const BufferSlice& scratch, uint32_t frame = 0, const PoseRegulariser& pose_regulariser = {0, {}, 0});
+  // The gradients of hyper_last over the first `frames` frames of a step, by tensor.
+  struct LastGradient {
+    const TensorSlot& slot;
+    OuterProduct product;
+  };
+  std::vector<LastGradient> hyper_last_gradients(uint32_t frames);
   // After the last record_unpack has run: dL/d(pose) as pose_input() lays it out; empty where the SDF follows no pose.
   std::vector<float> download_pose_gradient(Device& device);
-  // The same of the SDF alone, packed without a pose, and not on to the code.
+  // Packing and the way back of the SDF alone, of the one that all poses share, and not on to the code.
+  void record_pack_shared_sdf(Commands& commands);
   void record_unpack_shared_sdf(Commands& commands);
   uint64_t unpack_scratch() const;  // floats
 

@@ -85,27 +85,17 @@ void ParameterUpdates::record_group(Commands& commands, Group& group, size_t ind
 
 void ParameterUpdates::record_hyper_last(Commands& commands, Group& group, size_t index, double factor) {
   const uint32_t frames = settings_.frames_per_step;
-  PoseNetworks& networks = networks_.pose_networks();
-  struct Part {
-    std::string slot;
-    OuterProduct gradient;
-  };
-  std::vector<Part> parts;
-  for (uint32_t l = 0; l < networks.shape().layers.size(); ++l) {
-    parts.push_back({fmt::format("hyper_last.{}.W", l), networks.dense_w_gradient(l, frames)});
-    parts.push_back({fmt::format("hyper_last.{}.b", l), networks.dense_b_gradient(l, frames)});
-  }
+  const std::vector<AvatarNetworks::LastGradient> parts = networks_.hyper_last_gradients(frames);
   uint32_t partials = 0;
-  for (const Part& part : parts) {
-    record_outer_norm(commands, part.gradient, squares_.slice(), partials);
+  for (const AvatarNetworks::LastGradient& part : parts) {
+    record_outer_norm(commands, part.product, squares_.slice(), partials);
     partials += outer_partials(frames);
   }
   record_clip_scale(commands, {partials, squares_.slice(), static_cast<float>(group.settings->max_norm), norms_.slice(), static_cast<uint32_t>(index)});
   if (factor == 0) return;
-  for (const Part& part : parts) {
-    const TensorSlot& slot = networks_.layout().slot(part.slot);
-    AdamArgs adam = adam_args(group, index, factor, slot.offset, (slot.count + kSlotAlignment - 1) / kSlotAlignment * kSlotAlignment);
-    adam.outer = part.gradient;
+  for (const AvatarNetworks::LastGradient& part : parts) {
+    AdamArgs adam = adam_args(group, index, factor, part.slot.offset, (part.slot.count + kSlotAlignment - 1) / kSlotAlignment * kSlotAlignment);
+    adam.outer = part.product;
     record_adam(commands, adam);
   }
 }

@@ -29,6 +29,10 @@ void visit_pretrain_fields(Settings& s, const Visit& visit) {
   visit(top, "poses", s.poses);
   visit_reptile_fields("sdf", s.sdf, visit);
   visit_reptile_fields("skinning", s.skinning, visit);
+  visit_reptile_fields("pose", s.pose, visit);
+  visit(top, "pose_encoder_rate", s.pose_encoder_rate);
+  visit(top, "pose_batch", s.pose_batch);
+  visit(top, "parameter_weight", s.parameter_weight);
   visit(top, "surface_points", s.surface_points);
   visit(top, "volume_points", s.volume_points);
   visit(top, "surface_weight", s.surface_weight);
@@ -57,10 +61,12 @@ PretrainSettings preset_pretrain_settings(const std::string& preset) {
   // A prior in minutes: a hundred times the paper's outer rates, falling, for some hundred steps instead of 20,000.
   s.sdf = {.steps = 400, .tasks = 3, .inner_steps = 8, .inner_rate = 1e-4, .outer_rate = 1e-3, .end_fraction = 0.05};
   s.skinning = {.steps = 200, .tasks = 3, .inner_steps = 8, .inner_rate = 1e-3, .outer_rate = 5e-3, .end_fraction = 0.05};
+  s.pose = {.steps = 100, .tasks = 1, .inner_steps = 4, .inner_rate = 3e-6, .outer_rate = 3e-6, .end_fraction = 0.05};
   if (preset == "tiny") return s;
   if (preset == "compact") {
     s.bodies = 24;
     s.sdf.steps = s.skinning.steps = 800;
+    s.pose.steps = 300;
     s.sdf.outer_rate = 5e-4;
     return s;
   }
@@ -69,6 +75,7 @@ PretrainSettings preset_pretrain_settings(const std::string& preset) {
     s.poses = 16;
     s.sdf = {.steps = 20000, .tasks = 3, .inner_steps = 24, .inner_rate = 1e-4, .outer_rate = 1e-5};
     s.skinning = {.steps = 100000, .tasks = 4, .inner_steps = 24, .inner_rate = 1e-4, .outer_rate = 1e-5};
+    s.pose = {.steps = 50 * s.bodies, .tasks = 1, .inner_steps = 24, .inner_rate = 1e-6, .outer_rate = 1e-6};  // 50 epochs over the bodies
     s.surface_points = s.volume_points = 5000;
     s.skinning_points = 5000;
     return s;
@@ -83,10 +90,13 @@ std::string pretrain_settings_to_json(const PretrainSettings& settings) {
 }
 
 PretrainSettings pretrain_settings_from_json(const std::string& text, const std::string& where) {
-  const auto object = nlohmann::ordered_json::parse(text, nullptr, false);
+  auto object = nlohmann::ordered_json::parse(text, nullptr, false);
   if (!object.is_object()) throw InputError(where, "", "a JSON object of pre-training settings", "something else");
   PretrainSettings settings;
-  require_same_fields(nlohmann::ordered_json::parse(pretrain_settings_to_json(settings)), object, where, "");
+  const auto known = nlohmann::ordered_json::parse(pretrain_settings_to_json(settings));
+  for (const char* later : {"pose", "pose_encoder_rate", "pose_batch", "parameter_weight"})
+    if (!object.contains(later)) object[later] = known[later];
+  require_same_fields(known, object, where, "");
   visit_pretrain_fields(settings, [&](const std::string& network, const char* name, auto& value) {
     using T = std::decay_t<decltype(value)>;
     const auto& given = (network.empty() ? object : object[network])[name];
@@ -109,6 +119,9 @@ PretrainSettings pretrain_settings_from_json(const std::string& text, const std:
   at_least_one("sdf.inner_steps", settings.sdf.inner_steps);
   at_least_one("skinning.tasks", settings.skinning.tasks);
   at_least_one("skinning.inner_steps", settings.skinning.inner_steps);
+  at_least_one("pose.tasks", settings.pose.tasks);
+  at_least_one("pose.inner_steps", settings.pose.inner_steps);
+  at_least_one("pose_batch", settings.pose_batch);
   at_least_one("surface_points", settings.surface_points);
   at_least_one("volume_points", settings.volume_points);
   at_least_one("skinning_points", settings.skinning_points);
@@ -119,7 +132,7 @@ AvatarSpec prior_spec(const AvatarSpec& spec) {
   AvatarSpec prior;
   prior.preset = spec.preset;
   prior.skinning = spec.skinning.kind == Skinning::network ? spec.skinning : SkinningSpec{Skinning::template_weights, 0, 0};
-  prior.sdf = {.width = spec.sdf.width, .sine_layers = spec.sdf.sine_layers, .omega = spec.sdf.omega};
+  prior.sdf = {.width = spec.sdf.width, .sine_layers = spec.sdf.sine_layers, .omega = spec.sdf.omega, .pose = spec.sdf.pose, .pose_width = spec.sdf.pose_width, .pose_hidden_layers = spec.sdf.pose_hidden_layers};
   prior.color = {.width = 8, .hidden_layers = 1, .feature = false};  // an avatar has one; it learns nothing here
   return prior;
 }

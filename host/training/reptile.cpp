@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <stdexcept>
@@ -34,16 +35,40 @@ std::vector<Reptile::Moments> Reptile::make_moments(const std::string& which) co
   return all;
 }
 
-void Reptile::record_update(Commands& commands, std::size_t index, std::vector<Moments>& moments, uint32_t step, double rate) {
+void Reptile::record_inner_update(Commands& commands, std::size_t index, uint32_t step) {
   const ReptileGroup& group = groups_[index];
-  const uint64_t count = group.end - group.begin;
+  const auto update = [&](uint64_t begin, uint64_t end) {
+    AdamArgs adam;
+    adam.step = step;
+    adam.rate = group.inner_rate;
+    adam.parameters = parameters_.elements(begin, end - begin);
+    adam.first_moments = inner_[index].first.slice().elements(begin - group.begin, end - begin);
+    adam.second_moments = inner_[index].second.slice().elements(begin - group.begin, end - begin);
+    return adam;
+  };
+  if (!group.outer_gradients) {
+    AdamArgs adam = update(group.begin, group.end);
+    adam.gradients = gradients_.elements(group.begin, group.end - group.begin);
+    record_adam(commands, adam);
+    return;
+  }
+  for (const OuterGradient& part : group.outer_gradients()) {
+    AdamArgs adam = update(part.begin, part.end);
+    adam.outer = part.product;
+    record_adam(commands, adam);
+  }
+}
+
+// The gradient lies where the inner steps had their first moments: a group may have no other place for it.
+void Reptile::record_outer_update(Commands& commands, std::size_t index, double rate) {
+  const ReptileGroup& group = groups_[index];
   AdamArgs adam;
-  adam.step = step;
+  adam.step = static_cast<uint32_t>(steps_);
   adam.rate = rate;
-  adam.parameters = parameters_.elements(group.begin, count);
-  adam.gradients = gradients_.elements(group.begin, count);
-  adam.first_moments = moments[index].first.slice();
-  adam.second_moments = moments[index].second.slice();
+  adam.parameters = parameters_.elements(group.begin, group.end - group.begin);
+  adam.gradients = inner_[index].first.slice();
+  adam.first_moments = outer_[index].first.slice();
+  adam.second_moments = outer_[index].second.slice();
   record_adam(commands, adam);
 }
 
@@ -60,8 +85,7 @@ void Reptile::upload_parameters(const std::vector<std::vector<float>>& values) c
 void Reptile::step(std::span<const std::size_t> tasks, const TaskGradients& gradients, double outer_factor) {
   if (tasks.empty()) throw std::invalid_argument("reptile: a step without tasks");
   const std::vector<std::vector<float>> start = download_parameters();
-  std::vector<std::vector<double>> direction;
-  for (const std::vector<float>& values : start) direction.emplace_back(values.size(), 0.0);
+  std::vector<std::vector<std::vector<float>>> ends;  // by task and group
   Commands commands(device_);
   for (const std::size_t task : tasks) {
     for (Moments& moments : inner_) {
@@ -71,21 +95,25 @@ void Reptile::step(std::span<const std::size_t> tasks, const TaskGradients& grad
     for (uint32_t step = 0; step < inner_steps_; ++step) {
       commands.fill(gradients_, 0);
       gradients(commands, task, step);
-      for (std::size_t g = 0; g < groups_.size(); ++g) record_update(commands, g, inner_, step + 1, groups_[g].inner_rate);
+      for (std::size_t g = 0; g < groups_.size(); ++g) record_inner_update(commands, g, step + 1);
       commands.submit_and_wait();
     }
-    const std::vector<std::vector<float>> end = download_parameters();
+    ends.push_back(download_parameters());
     upload_parameters(start);
     for (std::size_t g = 0; g < groups_.size(); ++g)
-      for (std::size_t i = 0; i < end[g].size(); ++i) {
-        if (!std::isfinite(end[g][i])) throw std::runtime_error(fmt::format("pre-training: the group '{}' became not finite in outer step {}", groups_[g].name, steps_ + 1));
-        direction[g][i] += (double{start[g][i]} - double{end[g][i]}) / static_cast<double>(tasks.size());
-      }
+      if (!std::ranges::all_of(ends.back()[g], [](float value) { return std::isfinite(value); }))
+        throw std::runtime_error(fmt::format("pre-training: the group '{}' became not finite in outer step {}", groups_[g].name, steps_ + 1));
   }
   ++steps_;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
-    device_.upload(gradients_.elements(groups_[g].begin, groups_[g].end - groups_[g].begin), std::vector<float>(direction[g].begin(), direction[g].end()));
-    record_update(commands, g, outer_, static_cast<uint32_t>(steps_), outer_factor * groups_[g].outer_rate);
+    std::vector<float>& mean = ends.front()[g];  // of start − end, in place of the first task's end
+    for (std::size_t i = 0; i < mean.size(); ++i) {
+      double sum = 0;
+      for (const auto& end : ends) sum += (double{start[g][i]} - double{end[g][i]}) / static_cast<double>(tasks.size());
+      mean[i] = static_cast<float>(sum);
+    }
+    device_.upload(inner_[g].first.slice(), mean);
+    record_outer_update(commands, g, outer_factor * groups_[g].outer_rate);
   }
   commands.submit_and_wait();
 }

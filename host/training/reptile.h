@@ -10,17 +10,28 @@
 #include <vector>
 
 #include "host/avatar/safetensors.h"
+#include "kernels/optimizer/outer_product.h"
 #include "kernels/vulkan/commands.h"
 
 namespace arah {
+
+// The gradient of a matrix that is nowhere written out, at [begin, end) of the parameters, multiples of 64.
+struct OuterGradient {
+  uint64_t begin = 0, end = 0;
+  OuterProduct product;
+};
 
 // A range of the parameters that is learned, with rates of its own. The others stay as they are.
 struct ReptileGroup {
   std::string name;
   uint64_t begin = 0, end = 0;  // floats, multiples of 64 (ParameterGroup)
   double inner_rate = 1e-4, outer_rate = 1e-5;
+  // Where a group has no place in the buffer of gradients: what an inner step's are, asked after the task has given them.
+  std::function<std::vector<OuterGradient>()> outer_gradients;
 };
 
+// Beside the parameters four times the groups' numbers lie on the device (two moments inside, two outside) and, while a step
+// runs, 1 + tasks times on the host.
 class Reptile {
  public:
   // parameters and gradients: floats of the same layout, which the groups count in. Outer moments start at 0.
@@ -46,7 +57,8 @@ class Reptile {
     Buffer first, second;
   };
   std::vector<Moments> make_moments(const std::string& which) const;
-  void record_update(Commands& commands, std::size_t group, std::vector<Moments>& moments, uint32_t step, double rate);
+  void record_inner_update(Commands& commands, std::size_t group, uint32_t step);
+  void record_outer_update(Commands& commands, std::size_t group, double rate);
   std::vector<std::vector<float>> download_parameters() const;
   void upload_parameters(const std::vector<std::vector<float>>& values) const;
 

@@ -50,6 +50,14 @@ class GroupOptimizer {
   Buffer first_, second_;
 };
 
+// Whether the SDF of a pose is another than the one that all poses share: V alone, which is never zero, changes nothing.
+bool follows_pose(const Avatar& avatar) {
+  return std::ranges::any_of(avatar.layout.slots, [&](const TensorSlot& slot) {
+    const bool changes = slot.name.starts_with("hyper_last.") || (slot.name.starts_with("low_rank.") && !slot.name.ends_with(".V"));
+    return changes && std::ranges::any_of(avatar.tensor(slot.name), [](float p) { return p != 0; });
+  });
+}
+
 double rate_at(double rate, uint32_t step, uint32_t steps) {
   return rate * (end_fraction + (1 - end_fraction) * 0.5 * (1 + std::cos(std::numbers::pi * step / steps)));
 }
@@ -84,10 +92,12 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
     }
     device.upload(tape.input().slice, input);
   };
+  const bool posed_sdf = follows_pose(avatar);
+  const auto pose_of = [&](uint32_t step) { return posed_sdf ? pose_input(avatar, poses.empty() ? rest_pose(avatar.body.skeleton) : poses[step % poses.size()]) : std::vector<float>{}; };
   for (uint32_t step = 0; step < settings.fit_steps; ++step) {
     const bool eikonal = step % eikonal_every == 0;
     draw(false);
-    networks.record_pack(commands, 0, {});
+    networks.record_pack(commands, 0, pose_of(step));
     networks.sdf().record_forward(commands, tape, {points, {}}, true);
     if (eikonal) networks.sdf().record_gradient(commands, tape, {points, {}}, true);
     commands.submit_and_wait();
@@ -118,7 +128,7 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
     report(step);
   }
   draw(true);
-  networks.record_pack(commands, 0, {});
+  networks.record_pack(commands, 0, pose_of(settings.fit_steps));
   networks.sdf().record_forward(commands, tape, {points, {}}, false);
   commands.submit_and_wait();
   const auto f = device.download<float>(tape.sdf().slice);

@@ -19,7 +19,8 @@ struct TemplateFit {
 // The SDF's target is the template's distance less settings.clothing: people wear clothes.
 // progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
 // poses: those that a backward skinning network (Skinning::backward) begins with, each with a little noise; none: poses about
-// the resting one.
+// the resting one. Where the SDF's pose networks are not zero, as a prior's are, the SDF of these poses is fitted, one pose a
+// step, through the parameters that all poses share; else that shared SDF.
 TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress = {}, const std::vector<Pose>& poses = {});
 
 }  // namespace arah

@@ -153,12 +153,13 @@ class TrainingRun {
     check_pictures();
     Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
     TrainingSettings fit = settings_;
+    std::string pose_networks;
     if (!settings_.prior.empty()) {
       const Prior prior = read_prior(settings_.prior);
-      start_from_prior(avatar, prior);
+      pose_networks = start_from_prior(avatar, prior);
       fit.fit_steps = settings_.prior_fit_steps;
       fit.fit_skinning_steps = settings_.prior_fit_skinning_steps;
-      log({{"event", "prior"}, {"file", settings_.prior}, {"family", ordered_json::parse(prior.family)}, {"seed", prior.settings.seed}, {"version", prior.version}});
+      log({{"event", "prior"}, {"file", settings_.prior}, {"family", ordered_json::parse(prior.family)}, {"seed", prior.settings.seed}, {"version", prior.version}, {"pose_networks", pose_networks}});
     }
     if (device_.memory_ceiling()) Trainer(device_, capture_, avatar, settings_);  // too low a ceiling is refused before the fit
     RunEvent event;
@@ -175,6 +176,7 @@ class TrainingRun {
     }
     log({{"event", "fit"}, {"sdf_error", event.fit.sdf_error}, {"skinning_error", event.fit.skinning_error}});
     event.kind = RunEvent::Kind::fitted;
+    event.prior = pose_networks;
     tell(event);
     Trainer trainer(device_, capture_, std::move(avatar), settings_);
     return train(trainer);

@@ -37,6 +37,7 @@ struct RunEvent {
   uint32_t passes = 1;
   StepReport step;
   TemplateFit fit;
+  std::string prior;  // fitted: what became of the prior's pose networks (start_from_prior)
   std::filesystem::path file;
 };
 

@@ -63,6 +63,53 @@ TEST_F(BodyFamilyTest, AFolderGivesItsBodiesInOrder) {
   EXPECT_NEAR(scans[1].surface.vertices[2].y, 0.08, 1e-7);
 }
 
+TEST(RestingArmsTest, GeneratedPeopleRestAsTold) {
+  const double down = glm::radians(50.0);
+  RestingArms arms;
+  for (std::size_t side = 0; side < 2; ++side) {
+    const double outward = side == 0 ? 1 : -1;
+    arms.bones[side] = {glm::dvec3(outward * std::cos(down), -std::sin(down), 0), glm::normalize(glm::dvec3(outward * 0.5, -0.5, 0.7)), glm::normalize(glm::dvec3(outward * 0.4, -0.6, 0.7))};
+  }
+  const BodyFamily told = generated_family(1, 4, {}, arms), plain = generated_family(1, 4);
+  const ClothedFigure &figure = told.members[0].figure, &before = plain.members[0].figure;
+  const RestingArms found = resting_arms(figure.body.skeleton, "figure"), described = *described_arms(told.description);
+  for (std::size_t side = 0; side < 2; ++side)
+    for (std::size_t i = 0; i < 3; ++i) {
+      EXPECT_LT(glm::length(found.bones[side][i] - arms.bones[side][i]), 1e-9);
+      EXPECT_EQ(described.bones[side][i], arms.bones[side][i]);
+    }
+  EXPECT_FALSE(described_arms(plain.description));
+  const Skeleton &skeleton = figure.body.skeleton, &straight = before.body.skeleton;
+  for (std::size_t j = 1; j < skeleton.size(); ++j) {
+    const auto parent = static_cast<std::size_t>(skeleton.parents[j]);
+    EXPECT_NEAR(glm::length(skeleton.rest_joints[j] - skeleton.rest_joints[parent]), glm::length(straight.rest_joints[j] - straight.rest_joints[parent]), 1e-9) << skeleton.names[j];
+  }
+  // Its rest is where skinning takes the T-pose.
+  EXPECT_EQ(figure.rest.size(), before.rest.size());
+  std::size_t still = 0;
+  for (std::size_t i = 0; i < figure.rest.size(); ++i) still += figure.rest[i] == before.rest[i];
+  EXPECT_GT(still, figure.rest.size() / 2) << "legs, trunk and head";
+  EXPECT_LT(still, figure.rest.size()) << "but not the arms";
+  const int hand = find_joint(skeleton, "left_hand");
+  float lowest = 10;
+  for (std::size_t i = 0; i < figure.body.vertices.size(); ++i)
+    if (figure.body.joints[i][0] == hand && figure.body.weights[i][0] > 0.9F) lowest = std::min(lowest, glm::distance(figure.body.vertices[i], glm::vec3(skeleton.rest_joints[static_cast<std::size_t>(hand)])));
+  EXPECT_LT(lowest, 0.1F) << "flesh goes with its bone";
+
+  // As they are, they stay where they are.
+  ClothedFigure same = before;
+  rest_with(same, resting_arms(straight, "figure"));
+  for (std::size_t i = 0; i < same.rest.size(); ++i) ASSERT_LT(glm::distance(same.rest[i], before.rest[i]), 1e-6F);
+  Skeleton nameless = straight;
+  nameless.names[static_cast<std::size_t>(find_joint(straight, "right_wrist"))] = "claw";
+  try {
+    resting_arms(nameless, "claw.glb");
+    FAIL() << "nothing was refused";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("claw.glb: joints: expected SMPL's right_wrist"));
+  }
+}
+
 TEST_F(BodyFamilyTest, AFolderThatDoesNotFitIsRefusedByFileAndJoint) {
   EXPECT_THAT(refusal(), testing::HasSubstr("expected skinned bodies, .glb or .gltf, found none"));
   write("a.glb", box_body(0.04f));

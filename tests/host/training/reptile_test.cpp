@@ -108,6 +108,42 @@ TEST_F(ReptileTest, ContinuesBitForBitAndRefusesWhatDoesNotFit) {
   EXPECT_THROW(renamed.load(file), InputError);
 }
 
+// A group whose gradient is two frames' outer products goes where the same sum, written out, takes it, and has no place in the
+// buffer of gradients.
+TEST_F(ReptileTest, OuterProductsLeadWhereTheirSumDoes) {
+  constexpr uint32_t rows = 8, columns = 8, frames = 2;
+  const std::vector<float> a = uniform(frames * rows), b = uniform(frames * columns);
+  Buffer at_a = filled("a", a), at_b = filled("b", b);
+  std::vector<float> sum(count);
+  for (uint32_t i = 0; i < frames; ++i)
+    for (uint32_t row = 0; row < rows; ++row)
+      for (uint32_t column = 0; column < columns; ++column) sum[row * columns + column] += a[i * rows + row] * b[i * columns + column];
+  const std::array<std::size_t, 2> batch{0, 1};
+
+  Reptile written(device, parameters.slice(), gradients.slice(), {{"matrix", count, 2 * count, 0.02, 0.01, {}}}, 5);
+  const auto write = [&](Commands& pending, std::size_t, uint32_t) {
+    pending.submit_and_wait();
+    device.upload(gradients.slice().elements(count, count), sum);
+  };
+  for (int step = 0; step < 3; ++step) written.step(batch, write);
+  const std::vector<float> expected = values();
+
+  device.upload(parameters.slice(), std::vector<float>(3 * count, 0.5F));
+  ReptileGroup formed{"matrix", count, 2 * count, 0.02, 0.01, {}};
+  formed.outer_gradients = [&] {
+    OuterProduct product;
+    product.pairs = frames;
+    product.a = at_a.slice(), product.rows = product.row_stride = rows;
+    product.b = at_b.slice(), product.columns = product.column_stride = columns;
+    return std::vector<OuterGradient>{{count, 2 * count, product}};
+  };
+  Reptile outer(device, parameters.slice(), gradients.slice().elements(0, count), {formed}, 5);
+  for (int step = 0; step < 3; ++step) outer.step(batch, [](Commands&, std::size_t, uint32_t) {});
+  const std::vector<float> found = values();
+  for (uint64_t i = 0; i < 3 * count; ++i) ASSERT_NEAR(found[i], expected[i], 1e-6) << i;
+  EXPECT_GT(std::abs(found[count] - 0.5F), 0.01F);
+}
+
 TEST_F(ReptileTest, NumbersThatAreNotFiniteLeaveTheParameters) {
   Reptile reptile(device, parameters.slice(), gradients.slice(), group(0.02, 0.01), 3);
   const std::array<std::size_t, 1> one{0};
