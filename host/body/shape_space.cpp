@@ -15,16 +15,28 @@ bool ShapeSpace::moves_joints() const {
   });
 }
 
-void set_shape(BodyTemplate& body, const std::vector<double>& beta) {
-  ShapeSpace& shape = body.shape;
+Skeleton skeleton_in_shape(const BodyTemplate& body, const std::vector<double>& beta) {
+  const ShapeSpace& shape = body.shape;
   if (beta.size() != shape.size()) {
     throw std::invalid_argument(fmt::format("a shape of {} numbers for a body with {}", beta.size(), shape.size()));
   }
+  Skeleton skeleton = body.skeleton;
+  if (beta == shape.beta) return skeleton;
+  skeleton.rest_joints = shape.base_joints;
+  for (std::size_t b = 0; b < beta.size(); ++b) {
+    if (beta[b] == 0.0) continue;  // adding 0 would turn −0 into 0
+    for (std::size_t j = 0; j < skeleton.size(); ++j) skeleton.rest_joints[j] += beta[b] * shape.joint_offsets[b][j];
+  }
+  return skeleton;
+}
+
+void set_shape(BodyTemplate& body, const std::vector<double>& beta) {
+  ShapeSpace& shape = body.shape;
+  body.skeleton = skeleton_in_shape(body, beta);
   if (beta == shape.beta) return;
   shape.beta = beta;
   body.vertices = shape.base_vertices;
-  body.skeleton.rest_joints = shape.base_joints;
-  std::vector<std::size_t> used;  // adding 0 would turn −0 into 0
+  std::vector<std::size_t> used;
   for (std::size_t b = 0; b < beta.size(); ++b) {
     if (beta[b] != 0.0) used.push_back(b);
   }
@@ -33,9 +45,6 @@ void set_shape(BodyTemplate& body, const std::vector<double>& beta) {
     glm::dvec3 vertex(body.vertices[v]);
     for (const std::size_t b : used) vertex += beta[b] * glm::dvec3(shape.vertex_offsets[b][v]);
     body.vertices[v] = glm::vec3(vertex);
-  }
-  for (std::size_t j = 0; j < body.skeleton.size(); ++j) {
-    for (const std::size_t b : used) body.skeleton.rest_joints[j] += beta[b] * shape.joint_offsets[b][j];
   }
 }
 

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "host/body/skeleton.h"
+
 namespace arah {
 
 // The most targets that are taken for a body's shape. Files with more hold expressions of a face.
@@ -27,6 +29,9 @@ struct ShapeSpace {
 };
 
 struct BodyTemplate;
+
+// The body's skeleton in the shape β, its own bit for bit where that is the one it has. Throws as set_shape().
+Skeleton skeleton_in_shape(const BodyTemplate& body, const std::vector<double>& beta);
 
 // Gives the body's vertices and rest joints the shape β; where it is 0 they are the base's, bit for bit. Normals stay the
 // base's, as in glTF viewers where targets have none of their own; body.glb stays the file that was read. Throws
