@@ -155,6 +155,11 @@ std::string describe(const Avatar& avatar) {
         *std::max_element(avatar.latent_frames.begin(), avatar.latent_frames.end()), spec.latent_size);
   }
   if (!avatar.refined.empty()) say("  refined poses: {} frames", avatar.refined.frames.size());
+  const ShapeSpace& shape = avatar.body.shape;
+  for (std::size_t b = 0; b < shape.size(); ++b) {
+    const bool refined = !avatar.refined.start_shape.empty();
+    say("  shape '{}': {:.4g}{}", shape.names[b], shape.beta[b], refined ? fmt::format(", {:.4g} before training", avatar.refined.start_shape[b]) : "");
+  }
   say("  density scale b: {:.3g} mm", 1e3 * static_cast<double>(avatar.tensor("b")[0]));
   std::vector<std::string> sizes;
   for (const ParameterGroup& group : avatar.layout.groups) {

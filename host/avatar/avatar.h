@@ -20,7 +20,9 @@ namespace arah {
 struct Avatar {
   AvatarSpec spec;
   BodyTemplate body;        // body.glb is never empty: the avatar's file carries it
-  CanonicalPose canonical;  // [J] rest → canonical; with Skinning::none the one pose, so that every B_b is the identity
+  // [J] rest → canonical; with Skinning::none the one pose, so that every B_b is the identity. Of the body in the shape that
+  // training began with: refining the shape moves the joints that poses turn about, not the space that the fields live in.
+  CanonicalPose canonical;
   CubeNormalization cube;          // of the template's canonical vertices
   std::vector<int> latent_frames;  // frame numbers, one row of `latent` each; empty where the spec has no latent size
   GridExtent grid;                 // no levels where the spec has no grid

@@ -191,6 +191,7 @@ SafetensorsFile avatar_tensors(const Avatar& avatar) {
   }
   file.tensors[kCanonical] =
       Tensor::from<double>({static_cast<int64_t>(avatar.canonical.rest_to_canonical.size()), 4, 4}, canonical);
+  put_shape(file, avatar.body);
   put_refined_poses(file, avatar.refined);
 
   nlohmann::json nodes = nlohmann::json::array();
@@ -209,6 +210,7 @@ SafetensorsFile avatar_tensors(const Avatar& avatar) {
       {"grid",
        nlohmann::json{{"lower", list(avatar.grid.lower)}, {"upper", list(avatar.grid.upper)}, {"nodes", nodes}}.dump()},
   };
+  if (avatar.body.shape.size() > 0) file.metadata["shape_names"] = nlohmann::json(avatar.body.shape.names).dump();
   return file;
 }
 
@@ -234,8 +236,9 @@ Avatar avatar_from_tensors(const SafetensorsFile& file) {
   avatar.cube = read_cube(metadata);
   avatar.grid = read_grid(metadata, avatar.spec);
   avatar.body = read_template(file, where);
+  read_shape(file, &avatar.body);
   avatar.canonical = read_canonical(file, avatar.body.skeleton.size(), where);
-  avatar.refined = read_refined_poses(file, avatar.body.skeleton.size());
+  avatar.refined = read_refined_poses(file, avatar.body);
   avatar.layout = make_parameter_layout(avatar.spec, avatar.body.skeleton, avatar.latent_frames.size(), avatar.grid);
   avatar.parameters = read_parameters(file, avatar.layout, where);
   try {

@@ -1,7 +1,9 @@
 // The avatar's file: one .safetensors with every learned tensor under its own name and shape (ParameterLayout), the
 // template as the byte tensor "template.glb", the canonical pose as "canonical.rest_to_canonical" (F64 [J, 4, 4],
-// row-major), where poses were refined "refined.*" (refined_poses.h), and in the metadata "arah_avatar" (the format's number), "version", "spec", "settings", "seed", "steps",
-// "latent_frames", "cube" {center, cmin, cmax} and "grid" {lower, upper, nodes}, each text or JSON.
+// row-major), where the template has morph targets the body's shape β as "template.shape" (F64 [B], whatever the weights in
+// template.glb), where poses were refined "refined.*" (refined_poses.h), and in the metadata "arah_avatar" (the format's
+// number), "version", "spec", "settings", "seed", "steps", "latent_frames", "cube" {center, cmin, cmax}, "grid" {lower,
+// upper, nodes} and "shape_names" (of β), each text or JSON.
 #pragma once
 
 #include <filesystem>

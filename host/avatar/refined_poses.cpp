@@ -27,15 +27,16 @@ void put_poses(SafetensorsFile& file, const std::string& prefix, const std::vect
   file.tensors[prefix + "root_position"] = Tensor::from<double>({count, 3}, roots);
 }
 
+std::vector<double> finite_values(const SafetensorsFile& file, const std::string& name, const std::vector<int64_t>& shape) {
+  std::vector<double> values = file.values<double>(name, shape);
+  if (!std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); }))
+    throw InputError(file.path.string(), fmt::format("tensor \"{}\"", name), "finite numbers", "others");
+  return values;
+}
+
 std::vector<Pose> read_poses(const SafetensorsFile& file, const std::string& prefix, std::size_t count, std::size_t joints) {
-  const auto numbers = [&](const std::string& name, const std::vector<int64_t>& shape) {
-    std::vector<double> values = file.values<double>(name, shape);
-    if (!std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); }))
-      throw InputError(file.path.string(), fmt::format("tensor \"{}\"", name), "finite numbers", "others");
-    return values;
-  };
   const auto frames = static_cast<int64_t>(count);
-  const std::vector<double> theta = numbers(prefix + "theta", {frames, static_cast<int64_t>(joints), 3}), roots = numbers(prefix + "root_position", {frames, 3});
+  const std::vector<double> theta = finite_values(file, prefix + "theta", {frames, static_cast<int64_t>(joints), 3}), roots = finite_values(file, prefix + "root_position", {frames, 3});
   std::vector<Pose> poses(count);
   for (std::size_t f = 0; f < count; ++f) {
     for (std::size_t j = 0; j < joints; ++j) {
@@ -54,9 +55,19 @@ void put_refined_poses(SafetensorsFile& file, const RefinedPoses& refined) {
   file.tensors["refined.frames"] = Tensor::from<int64_t>({static_cast<int64_t>(refined.frames.size())}, std::vector<int64_t>(refined.frames.begin(), refined.frames.end()));
   put_poses(file, "refined.", refined.poses);
   put_poses(file, "refined.start_", refined.starts);
+  if (!refined.start_shape.empty()) file.tensors["refined.start_shape"] = Tensor::from<double>({static_cast<int64_t>(refined.start_shape.size())}, refined.start_shape);
 }
 
-RefinedPoses read_refined_poses(const SafetensorsFile& file, std::size_t joints) {
+void put_shape(SafetensorsFile& file, const BodyTemplate& body) {
+  if (body.shape.size() > 0) file.tensors["template.shape"] = Tensor::from<double>({static_cast<int64_t>(body.shape.size())}, body.shape.beta);
+}
+
+void read_shape(const SafetensorsFile& file, BodyTemplate* body) {
+  if (file.tensors.contains("template.shape")) set_shape(*body, finite_values(file, "template.shape", {static_cast<int64_t>(body->shape.size())}));
+}
+
+RefinedPoses read_refined_poses(const SafetensorsFile& file, const BodyTemplate& body) {
+  const std::size_t joints = body.skeleton.size();
   RefinedPoses refined;
   if (!file.tensors.contains("refined.frames")) return refined;
   const int64_t count = file.at("refined.frames").count();
@@ -68,6 +79,7 @@ RefinedPoses read_refined_poses(const SafetensorsFile& file, std::size_t joints)
     throw InputError(file.path.string(), "tensor \"refined.frames\"", "distinct frame numbers, at least one", count == 0 ? "none" : "one twice");
   refined.poses = read_poses(file, "refined.", refined.frames.size(), joints);
   refined.starts = read_poses(file, "refined.start_", refined.frames.size(), joints);
+  if (file.tensors.contains("refined.start_shape")) refined.start_shape = finite_values(file, "refined.start_shape", {static_cast<int64_t>(body.shape.size())});
   return refined;
 }
 
@@ -77,13 +89,14 @@ const Pose& pose_to_render(const RefinedPoses& refined, const std::string& split
   return refined.poses[static_cast<std::size_t>(found - refined.frames.begin())];
 }
 
-PoseDistance pose_distance(const Skeleton& skeleton, const std::vector<Pose>& poses, const std::vector<Pose>& others) {
+PoseDistance pose_distance(const Skeleton& skeleton, const std::vector<Pose>& poses, const Skeleton& other, const std::vector<Pose>& others) {
+  if (skeleton.size() != other.size()) throw std::invalid_argument(fmt::format("{} joints and {}", skeleton.size(), other.size()));
   if (poses.size() != others.size()) throw std::invalid_argument(fmt::format("{} poses and {}", poses.size(), others.size()));
   PoseDistance distance{poses.size(), 0, 0};
   const double share = 1.0 / static_cast<double>(std::max<std::size_t>(poses.size() * skeleton.size(), 1));
   for (std::size_t f = 0; f < poses.size(); ++f) {
-    const std::vector<glm::dmat4> a = forward_kinematics(skeleton, poses[f]), b = forward_kinematics(skeleton, others[f]);
-    const glm::dvec3 shift = root_translation(skeleton, poses[f]) - root_translation(skeleton, others[f]);
+    const std::vector<glm::dmat4> a = forward_kinematics(skeleton, poses[f]), b = forward_kinematics(other, others[f]);
+    const glm::dvec3 shift = root_translation(skeleton, poses[f]) - root_translation(other, others[f]);
     for (std::size_t j = 0; j < skeleton.size(); ++j) {
       distance.joints += share * glm::length(glm::dvec3(a[j][3]) - glm::dvec3(b[j][3]) + shift);
       const glm::dmat3 turn = glm::transpose(rotation_from_axis_angle(poses[f].theta[j])) * rotation_from_axis_angle(others[f].theta[j]);
@@ -93,7 +106,7 @@ PoseDistance pose_distance(const Skeleton& skeleton, const std::vector<Pose>& po
   return distance;
 }
 
-PoseImprovement pose_improvement(const RefinedPoses& refined, const Skeleton& skeleton, const Motion& motion) {
+PoseImprovement pose_improvement(const RefinedPoses& refined, const BodyTemplate& body, const Skeleton& truth, const Motion& motion) {
   std::vector<Pose> given, starts, poses;
   for (std::size_t f = 0; f < refined.frames.size(); ++f) {
     const MotionFrame* frame = find_frame(motion, refined.frames[f]);
@@ -102,7 +115,8 @@ PoseImprovement pose_improvement(const RefinedPoses& refined, const Skeleton& sk
     starts.push_back(refined.starts[f]);
     poses.push_back(refined.poses[f]);
   }
-  return {pose_distance(skeleton, starts, given), pose_distance(skeleton, poses, given)};
+  const Skeleton before = refined.start_shape.empty() ? body.skeleton : skeleton_in_shape(body, refined.start_shape);
+  return {pose_distance(before, starts, truth, given), pose_distance(body.skeleton, poses, truth, given)};
 }
 
 std::string describe(const PoseImprovement& improvement) {

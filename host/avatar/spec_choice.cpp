@@ -59,6 +59,7 @@ CaptureFacts capture_facts(const Capture& capture) {
   CaptureFacts facts;
   facts.training_frames = frames.size();
   facts.joints = capture.body_template.skeleton.size();
+  facts.shape_moves_joints = capture.body_template.shape.moves_joints();
   for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
     if (capture.cameras[c].role == kTrainingRole && !frames_with_images(capture, kTrainingSplit, c).empty()) {
       ++facts.training_cameras;
@@ -74,7 +75,7 @@ CaptureFacts capture_facts(const Capture& capture) {
 }
 
 SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
-  SpecChoice choice{preset_spec(preset), false, {}};
+  SpecChoice choice{preset_spec(preset), false, false, {}};
   AvatarSpec& spec = choice.spec;
   const auto say = [&](const std::string& part, const std::string& chosen, const std::string& reason) {
     choice.reasons.push_back(fmt::format("{}: {}, because {}", part, chosen, reason));
@@ -148,6 +149,9 @@ SpecChoice choose_spec(const std::string& preset, const CaptureFacts& facts) {
       : facts.exact_poses                        ? "the capture states that its poses are exact"
       : spec.skinning.kind == Skinning::none     ? "there is one pose, which is the canonical one"
                                                  : "the capture does not state whether its poses are estimates (--set pose_refinement=true if they are)");
+  choice.shape_refinement = choice.pose_refinement && facts.shape_moves_joints;
+  if (choice.pose_refinement)
+    say("shape refinement", choice.shape_refinement ? "on" : "off", choice.shape_refinement ? "a shape is estimated with its poses" : "no morph target of the template moves its joints");
   validate_spec(spec, "chosen spec");
   return choice;
 }

@@ -21,6 +21,7 @@ struct CaptureFacts {
   bool single_pose = false;  // all training frames have the same rotations (the root may move)
   bool exact_poses = false;  // the capture states that its poses are the truth
   bool estimated_poses = false;  // it states that they are estimates; else it says nothing of them
+  bool shape_moves_joints = false;  // the template has morph targets, and one of them moves a rest joint
 };
 
 // Looks at file names, poses, and what synthetic.json or motion_train.json state as "poses", not into pictures. Throws as training_frames() does.
@@ -29,6 +30,7 @@ CaptureFacts capture_facts(const Capture& capture);
 struct SpecChoice {
   AvatarSpec spec;
   bool pose_refinement = false;      // TrainingSettings::pose_refinement
+  bool shape_refinement = false;     // TrainingSettings::shape_refinement
   std::vector<std::string> reasons;  // one line a part: "part: choice, because ..."
 };
 

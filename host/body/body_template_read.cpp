@@ -10,6 +10,7 @@
 
 #include "host/body/body_template.h"
 #include "host/body/gltf_accessor.h"
+#include "host/body/morph_targets.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -316,6 +317,7 @@ BodyTemplate template_from_model(const tinygltf::Model& model, const std::string
   const Rig rig = read_rig(model, tree, where);
   BodyTemplate body;
   body.skeleton = rig.skeleton;
+  MorphTargets targets(model, glm::dmat3(rig.mesh_to_world), rig.joint_of_slot, where);
   for (std::size_t n = 0; n < model.nodes.size(); ++n) {
     const tinygltf::Node& node = model.nodes[n];
     if (node.skin < 0 || node.mesh < 0) continue;
@@ -329,12 +331,17 @@ BodyTemplate template_from_model(const tinygltf::Model& model, const std::string
       throw InputError(where, fmt::format("node {}", n), "one armature for all meshes", "a skin with other joints");
     }
     const tinygltf::Mesh& mesh = model.meshes[static_cast<std::size_t>(node.mesh)];
+    targets.begin_mesh(node, mesh);
     for (std::size_t p = 0; p < mesh.primitives.size(); ++p) {
-      read_primitive(model, mesh.primitives[p], rig, where, fmt::format("mesh '{}' primitive {}", mesh.name, p), &body);
+      const std::string field = fmt::format("mesh '{}' primitive {}", mesh.name, p);
+      const std::size_t first = body.vertices.size();
+      read_primitive(model, mesh.primitives[p], rig, where, field, &body);
+      targets.add_primitive(mesh.primitives[p], field, first, body.vertices.size() - first);
     }
   }
   if (body.triangles.empty()) throw InputError(where, "meshes", "triangles that the skin moves", "none");
   complete_normals(&body);
+  targets.finish(&body);
   return body;
 }
 

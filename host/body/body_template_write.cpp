@@ -33,14 +33,48 @@ int append(tinygltf::Model* model, const std::vector<T>& values, int target, int
   return static_cast<int>(model->accessors.size()) - 1;
 }
 
+// The same of places or displacements, with their bounds, which glTF asks for.
+int append_vectors(tinygltf::Model* model, const std::vector<glm::vec3>& values) {
+  const int index = append(model, values, TINYGLTF_TARGET_ARRAY_BUFFER, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, values.size());
+  glm::vec3 least = values[0], greatest = values[0];
+  for (const glm::vec3& value : values) {
+    for (int k = 0; k < 3; ++k) {
+      least[k] = std::min(least[k], value[k]);
+      greatest[k] = std::max(greatest[k], value[k]);
+    }
+  }
+  model->accessors[static_cast<std::size_t>(index)].minValues = {least.x, least.y, least.z};
+  model->accessors[static_cast<std::size_t>(index)].maxValues = {greatest.x, greatest.y, greatest.z};
+  return index;
+}
+
+// targetNames, as viewers show them, and joint_shapedirs (morph_targets.h).
+tinygltf::Value shape_extras(const ShapeSpace& shape) {
+  using tinygltf::Value;
+  Value::Array names, joints;
+  for (const std::string& name : shape.names) names.emplace_back(name);
+  for (const std::vector<glm::dvec3>& offsets : shape.joint_offsets) {
+    Value::Array of_target;
+    for (const glm::dvec3& offset : offsets) of_target.emplace_back(Value::Array{Value(offset.x), Value(offset.y), Value(offset.z)});
+    joints.emplace_back(std::move(of_target));
+  }
+  return Value(Value::Object{{"targetNames", Value(std::move(names))}, {"joint_shapedirs", Value(std::move(joints))}});
+}
+
 }  // namespace
 
 std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
   const std::size_t count = body.vertices.size();
+  const ShapeSpace& shape = body.shape;
   if (body.normals.size() != count || body.joints.size() != count || body.weights.size() != count || count == 0) {
     throw std::invalid_argument("a template needs vertices, and a normal, joints and weights for each");
   }
   validate_skeleton(body.skeleton, "template");
+  const auto displaces_all = [&](const std::vector<glm::vec3>& offsets) { return offsets.size() == count; };
+  if (shape.size() > 0 && (shape.base_vertices.size() != count || shape.base_joints.size() != body.skeleton.size() ||
+                           !std::all_of(shape.vertex_offsets.begin(), shape.vertex_offsets.end(), displaces_all))) {
+    throw std::invalid_argument("a shape needs the base's vertices and joints, and an offset for each vertex");
+  }
   tinygltf::Model model;
   model.asset.version = "2.0";
   model.asset.generator = "arah";
@@ -49,18 +83,7 @@ std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
   tinygltf::Primitive primitive;
   primitive.mode = TINYGLTF_MODE_TRIANGLES;
   const int vertex_data = TINYGLTF_TARGET_ARRAY_BUFFER;
-  const int positions =
-      append(&model, body.vertices, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, count);
-  glm::vec3 least = body.vertices[0], greatest = body.vertices[0];
-  for (const glm::vec3& vertex : body.vertices) {
-    for (int k = 0; k < 3; ++k) {
-      least[k] = std::min(least[k], vertex[k]);
-      greatest[k] = std::max(greatest[k], vertex[k]);
-    }
-  }
-  model.accessors[static_cast<std::size_t>(positions)].minValues = {least.x, least.y, least.z};
-  model.accessors[static_cast<std::size_t>(positions)].maxValues = {greatest.x, greatest.y, greatest.z};
-  primitive.attributes["POSITION"] = positions;
+  primitive.attributes["POSITION"] = append_vectors(&model, shape.size() > 0 ? shape.base_vertices : body.vertices);
   primitive.attributes["NORMAL"] =
       append(&model, body.normals, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, count);
   primitive.attributes["JOINTS_0"] =
@@ -69,12 +92,19 @@ std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
       append(&model, body.weights, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC4, count);
   primitive.indices = append(&model, body.triangles, TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER,
                              TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, TINYGLTF_TYPE_SCALAR, 3 * body.triangles.size());
+  for (const std::vector<glm::vec3>& offsets : shape.vertex_offsets) primitive.targets.push_back({{"POSITION", append_vectors(&model, offsets)}});
   tinygltf::Mesh mesh;
   mesh.name = "template";
   mesh.primitives.push_back(primitive);
+  if (shape.size() > 0) {
+    mesh.weights = shape.beta;
+    mesh.extras = shape_extras(shape);
+  }
   model.meshes.push_back(mesh);
 
-  const Skeleton& skeleton = body.skeleton;
+  // Nodes stand where the inverse bind matrices say: of the base, from which the targets move the vertices.
+  Skeleton skeleton = body.skeleton;
+  if (shape.size() > 0) skeleton.rest_joints = shape.base_joints;
   tinygltf::Skin skin;
   std::vector<glm::mat4> inverse_bind(skeleton.size(), glm::mat4(1.0f));
   for (std::size_t j = 0; j < skeleton.size(); ++j) {

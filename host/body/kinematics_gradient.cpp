@@ -64,7 +64,7 @@ glm::dvec3 axis_angle_gradient(const glm::dvec3& axis_angle, const glm::dmat3& r
 
 KinematicsGradient kinematics_gradient(const Skeleton& skeleton, const CanonicalPose& canonical, const Pose& pose,
                                        std::span<const glm::dmat4> bone_transform_gradients,
-                                       std::span<const glm::dvec3> posed_joint_gradients) {
+                                       std::span<const glm::dvec3> posed_joint_gradients, bool canonical_stays) {
   const std::size_t count = skeleton.size();
   if (bone_transform_gradients.size() != count || canonical.rest_to_canonical.size() != count ||
       (!posed_joint_gradients.empty() && posed_joint_gradients.size() != count)) {
@@ -87,7 +87,7 @@ KinematicsGradient kinematics_gradient(const Skeleton& skeleton, const Canonical
     const glm::dmat3 turn(canonical.rest_to_canonical[b]);
     const glm::dvec3 u = -(glm::transpose(turn) * glm::dvec3(canonical.rest_to_canonical[b][3]));
     const glm::dmat3 a_linear = linear_gradient * turn + glm::outerProduct(offset_gradient, u);
-    const int center = turn_center(skeleton, canonical, b);
+    const int center = canonical_stays ? -1 : turn_center(skeleton, canonical, b);
     if (center >= 0) {
       const glm::dvec3 u_gradient = glm::transpose(rotation) * offset_gradient;
       result.rest_joints[static_cast<std::size_t>(center)] += u_gradient - turn * u_gradient;

@@ -24,10 +24,11 @@ glm::dvec3 axis_angle_gradient(const glm::dvec3& axis_angle, const glm::dmat3& r
 
 // From dL/dB_b (of bone_transforms(); last rows are ignored, [J]) and, unless empty, dL/d(posed joint) (the
 // translations of forward_kinematics(), [J]). J enters through A_b, the posed joints and the canonical turn's centre,
-// the hip; the turn's angle counts as constant. The root translation is not part of B_b: its gradient is that of the
+// the hip; the turn's angle counts as constant. canonical_stays: J does not enter through the turn, as where a body's shape
+// changes while the canonical pose stays the one that its fields live in. The root translation is not part of B_b: its gradient is that of the
 // posed points themselves. Throws std::invalid_argument if the numbers of joints differ.
 KinematicsGradient kinematics_gradient(const Skeleton& skeleton, const CanonicalPose& canonical, const Pose& pose,
                                        std::span<const glm::dmat4> bone_transform_gradients,
-                                       std::span<const glm::dvec3> posed_joint_gradients = {});
+                                       std::span<const glm::dvec3> posed_joint_gradients = {}, bool canonical_stays = false);
 
 }  // namespace arah

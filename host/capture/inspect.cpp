@@ -175,6 +175,17 @@ std::string inspect_template(const BodyTemplate& body) {
   for (std::size_t j = 0; j < used.size(); ++j) {
     if (!used[j]) line(&report, "  joint '{}' moves no vertex", body.skeleton.names[j]);
   }
+  const auto farthest = [](const auto& offsets) {
+    double most = 0.0;
+    for (const auto& offset : offsets) most = std::max(most, 1000.0 * glm::length(glm::dvec3(offset)));
+    return most;
+  };
+  const ShapeSpace& shape = body.shape;
+  for (std::size_t b = 0; b < shape.size(); ++b) {
+    line(&report, "  shape '{}': a unit moves vertices by up to {:.1f} mm, rest joints by up to {:.1f} mm; {:g} here", shape.names[b],
+         farthest(shape.vertex_offsets[b]), farthest(shape.joint_offsets[b]), shape.beta[b]);
+  }
+  if (!shape.ignored.empty()) line(&report, "  shape: {}", shape.ignored);
   return report;
 }
 

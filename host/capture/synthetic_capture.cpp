@@ -252,7 +252,7 @@ void write_contents(const fs::path& folder, const Scene& scene, const SyntheticS
   for (const char* split : {"train", "novel"})
     for (const Camera& camera : scene.cameras) fs::create_directories(folder / "images" / split / camera.name);
   fs::create_directories(folder / "meshes");
-  write_body_template(folder / "template.glb", scene.figure.body);
+  write_body_template(folder / "template.glb", settings.rig.empty() ? body_with_shape(scene.figure, varied_figure(settings.body_seed).build) : scene.figure.body);
   write_cameras(folder / "cameras.json", scene.cameras);
   write_motion(folder / "motion_train.json", scene.train);
   write_motion(folder / "motion_novel.json", scene.novel);

@@ -20,7 +20,7 @@ struct SyntheticSettings {
 using SyntheticProgress = std::function<void(double fraction, const std::string& what)>;
 
 // Writes a capture in the native layout to the folder `out`:
-//   template.glb                           the naked body (or the rig)
+//   template.glb                           the naked body, with its shape as morph targets (body_with_shape), or the rig
 //   cameras.json                           cam_00..cam_03 for training around the subject, cam_04..cam_07 held out in
 //   between, at
 //                                          other heights

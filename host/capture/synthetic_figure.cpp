@@ -346,6 +346,33 @@ ClothedFigure make_clothed_figure(std::uint64_t seed, const FigureVariation& var
   return figure;
 }
 
+BodyTemplate body_with_shape(const ClothedFigure& figure, const Build& build) {
+  constexpr double unit = 0.1;
+  BodyTemplate body = figure.body;
+  ShapeSpace& shape = body.shape;
+  shape.base_vertices = body.vertices;
+  shape.base_joints = body.skeleton.rest_joints;
+  const auto add = [&](const char* name, const auto& offset) {
+    shape.names.emplace_back(name);
+    shape.beta.push_back(0.0);
+    std::vector<glm::vec3>& vertices = shape.vertex_offsets.emplace_back();
+    for (const glm::vec3& vertex : body.vertices) vertices.emplace_back(offset(glm::dvec3(vertex)));
+    std::vector<glm::dvec3>& joints = shape.joint_offsets.emplace_back();
+    for (const glm::dvec3& joint : body.skeleton.rest_joints) joints.push_back(offset(joint));
+  };
+  add("height", [](const glm::dvec3& place) { return unit * place; });
+  for (const auto& [name, length] : {std::pair{"arm_length", &Build::arm_length}, {"leg_length", &Build::leg_length}, {"trunk_length", &Build::trunk_length}}) {
+    Build longer = build;
+    longer.*length *= 1 + unit;
+    const Stretch stretch(build), more(longer);
+    add(name, [&](const glm::dvec3& place) {
+      const glm::dvec3 average = figure.stretch.to_average(place / figure.scale);
+      return figure.scale * (more.from_average(average) - stretch.from_average(average));
+    });
+  }
+  return body;
+}
+
 ClothedFigure dress_rig(BodyTemplate rig) {
   ClothedFigure figure;
   glm::vec3 low = rig.vertices.at(0), high = low;

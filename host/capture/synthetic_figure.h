@@ -58,6 +58,11 @@ struct ClothedFigure {
 // hair. The seed varies the build by a few per cent, `variation` build and clothes by more. Takes about a second.
 ClothedFigure make_clothed_figure(std::uint64_t seed, const FigureVariation& variation = {});
 
+// The built-in person's body with its shape: morph targets height, arm_length, leg_length and trunk_length, of each of which
+// a unit is 10 % of what `build` (the one that the figure was made with) has. They move the body's own vertices, and the
+// joints, as a body of that build would have them.
+BodyTemplate body_with_shape(const ClothedFigure& figure, const Build& build);
+
 // Dresses a rig: its own surface plus a garment sheet 12 mm (times scale) above it around torso and limbs' roots (rigs
 // with SMPL's names) or the upper 55 % of its height (other rigs).
 ClothedFigure dress_rig(BodyTemplate rig);

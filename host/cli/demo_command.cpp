@@ -85,6 +85,7 @@ void train(Device& device, const Options& options, const Capture& capture, const
   settings.minutes = options.minutes;
   const SpecChoice choice = choose_spec(settings.preset, capture_facts(capture));
   settings.pose_refinement = choice.pose_refinement;
+  settings.shape_refinement = choice.shape_refinement;
   search_for_refinement(settings);
   for (const std::string& reason : choice.reasons) fmt::print(stderr, "{}\n", reason);
   TrainingProgress progress(device, fmt::format("{:g} minutes", options.minutes));

@@ -21,6 +21,7 @@ struct Options {
   std::optional<double> minutes;
   std::optional<uint64_t> steps, seed;
   std::vector<double> disturb;        // degrees, metres
+  double disturb_shape = 0;
   std::filesystem::path prior;
   std::vector<std::string> settings;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
@@ -45,6 +46,7 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   if (options.steps) settings.steps = *options.steps;
   if (options.minutes) settings.minutes = *options.minutes, settings.steps = 0;
   if (!options.disturb.empty()) settings.disturb_degrees = options.disturb[0], settings.disturb_metres = options.disturb[1];
+  if (options.disturb_shape > 0) settings.disturb_shape = options.disturb_shape;
   if (!options.prior.empty()) settings.prior = std::filesystem::absolute(options.prior).lexically_normal().string();
   assign(config, options.settings, "--set");
   search_for_refinement(settings);
@@ -104,6 +106,8 @@ void add_train_command(CLI::App& program, Run& run) {
       ->delimiter(',')
       ->expected(2)
       ->check(CLI::Range(0.0, 360.0));
+  command->add_option("--disturb-shape", options->disturb_shape, "for studies of shape refinement, train from a body whose shape (the weight of each morph target) is moved at random by so much (standard deviation)")
+      ->check(CLI::Range(0.0, 100.0));
   command->add_option("--keep", options->run.keep_minutes, "minutes, with commas between, after which the avatar is also kept, for arah curve: RUN/kept/minutes_5.safetensors")
       ->delimiter(',')
       ->check(CLI::Range(0.01, 1e6));

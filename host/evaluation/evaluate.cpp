@@ -184,7 +184,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   result.lpips = mean_of_finite(distances);
   result.root_finding = renderer.root_finder().counts();
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start - lpips_time).count();
-  if (!avatar.refined.empty() && capture.motions.contains("train")) result.poses = pose_improvement(avatar.refined, avatar.body.skeleton, motion_of(capture, "train"));
+  if (!avatar.refined.empty() && capture.motions.contains("train")) result.poses = pose_improvement(avatar.refined, avatar.body, capture.body_template.skeleton, motion_of(capture, "train"));
   return result;
 }
 

@@ -73,14 +73,18 @@ Pose PoseRefinement::pose_of(const std::vector<double>& numbers, std::size_t fra
   return pose;
 }
 
-void PoseRefinement::step(std::size_t frame, const PoseGradients& gradients, const GroupSettings& group, double factor) {
-  std::vector<glm::dmat4> bones(skeleton_.size(), glm::dmat4(0.0));
-  glm::dvec3 translation(0.0);  // dL/dt = Σ_b of the last columns (kernels/skinning/bone_gradient.h)
-  for (std::size_t b = 0; b < bones.size(); ++b) {
+BoneGradients bone_gradients(const PoseGradients& gradients, std::size_t joints) {
+  BoneGradients result{std::vector<glm::dmat4>(joints, glm::dmat4(0.0)), glm::dvec3(0.0)};
+  for (std::size_t b = 0; b < joints; ++b) {
     for (int row = 0; row < 3; ++row)
-      for (int column = 0; column < 4; ++column) bones[b][column][row] = double{gradients.bones[12 * b + static_cast<std::size_t>(4 * row + column)]};
-    translation += glm::dvec3(bones[b][3]);
+      for (int column = 0; column < 4; ++column) result.transforms[b][column][row] = double{gradients.bones[12 * b + static_cast<std::size_t>(4 * row + column)]};
+    result.translation += glm::dvec3(result.transforms[b][3]);
   }
+  return result;
+}
+
+void PoseRefinement::step(std::size_t frame, const PoseGradients& gradients, const GroupSettings& group, double factor) {
+  const auto& [bones, translation] = bone_gradients(gradients, skeleton_.size());
   const Pose now = pose(frame);
   std::vector<glm::dvec3> theta = kinematics_gradient(skeleton_, canonical_, now, bones).theta;
   if (!gradients.input.empty())

@@ -41,6 +41,14 @@ struct PoseGradients {
   std::vector<float> input;  // dL/d(what a pose-conditioned SDF reads), laid out as pose_input(); empty without one
 };
 
+// The same of the bones alone, as matrices (last rows 0), and dL/dt of the root translation, the sum of the last columns
+// (kernels/skinning/bone_gradient.h).
+struct BoneGradients {
+  std::vector<glm::dmat4> transforms;  // [J]
+  glm::dvec3 translation{0.0};
+};
+BoneGradients bone_gradients(const PoseGradients& gradients, std::size_t joints);
+
 // The poses as they are now, and Adam's state. A frame's numbers: how far its rotations [J][3] (axis-angles) and its root position
 // are from where they began, so that weight decay draws them back there.
 class PoseRefinement {
@@ -49,6 +57,8 @@ class PoseRefinement {
 
   const std::vector<Pose>& starts() const { return starts_; }
   Pose pose(std::size_t frame) const { return pose_of(numbers_, frame); }
+  // Where the body's shape has moved its joints.
+  void set_skeleton(const Skeleton& skeleton) { skeleton_ = skeleton; }
   // One step of Adam (β 0.9, 0.999), in double precision, for the frame whose pictures the step saw; other frames stay as they are,
   // moments and all. factor: of the group's rate. Throws std::runtime_error, and leaves
   // the pose as it is, where the gradient is not finite.

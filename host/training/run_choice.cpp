@@ -21,6 +21,7 @@ RunConfig chosen_config(const Capture& capture, const std::string& preset, std::
   if (reasons) *reasons = choice.reasons;
   RunConfig config = make_run_config(capture, preset_settings(preset), choice.spec);
   config.settings.pose_refinement = choice.pose_refinement;
+  config.settings.shape_refinement = choice.shape_refinement;
   return config;
 }
 

@@ -58,6 +58,13 @@ uint32_t shaded_in_a_pass(Device& device, const AvatarSpec& spec, const Training
   return static_cast<uint32_t>(std::min<uint64_t>(std::max<uint64_t>(rows, point_padding * samples), padded_points(pass_rays * samples)));
 }
 
+// In the shape that training begins with.
+Avatar in_start_shape(Avatar avatar, const TrainingSettings& settings) {
+  if (shape_is_refined(settings) && !avatar.refined.start_shape.empty()) set_shape(avatar.body, avatar.refined.start_shape);
+  if (settings.pose_refinement) avatar.refined = {};  // avatar() says what they are
+  return avatar;
+}
+
 // Rays of a pass whose least distance is looked for together.
 uint32_t mask_rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings, uint32_t pass_rays) {
   const uint64_t rows = device.report().max_storage_buffer_bytes / (4 * std::max({64u, spec.sdf.width, spec.skinning.width}));
@@ -108,7 +115,7 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
 
 Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings)
     : device_(device),
-      avatar_(std::move(avatar)),
+      avatar_(in_start_shape(std::move(avatar), settings)),
       settings_(settings),
       commands_(device),
       images_(device, avatar_, capture, settings.size, settings.sampling.shell),
@@ -127,6 +134,10 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
     const Correspondence from = settings_.sampling.root.correspondence;
     if (with_grids() && from != Correspondence::search_from_grid) throw InputError("settings", "root_correspondence", "search or search_from_grid with pose_refinement", to_string(from));
     refinement_.emplace(avatar_, images_.poses());
+    if (settings_.shape_refinement) {
+      if (!avatar_.body.shape.moves_joints()) throw InputError("settings", "shape_refinement", "false for a template without morph targets that move its joints", "true");
+      shape_.emplace(avatar_.body.shape.beta);
+    }
   }
   room_.updates.start(avatar_.parameters);
   if (const size_t frames = pictured_frames().size(); settings_.frames_per_step > frames)
@@ -150,6 +161,11 @@ std::vector<size_t> Trainer::pictured_frames() const {
   for (const TrainingImages::Place& place : images_.places())  // by frame
     if (frames.empty() || frames.back() != place.frame) frames.push_back(place.frame);
   return frames;
+}
+
+void Trainer::follow_shape() {
+  set_shape(avatar_.body, shape_->beta());
+  refinement_->set_skeleton(avatar_.body.skeleton);
 }
 
 bool Trainer::renew_shell(size_t frame, double drift) {
@@ -411,7 +427,8 @@ StepReport Trainer::step(uint64_t steps_left) {
     room_.skinning->set_surface(template_samples_.surface, generator, images_.frame(frames[0][0].place.frame).bones());
   }
 
-  pose_step_ = refinement_ && steps_ % settings_.poses_every == 0 && rate_factor(settings_.poses, settings_, steps_, done_) > 0;
+  const double pose_factor = refinement_ ? rate_factor(settings_.poses, settings_, steps_, done_) : 0, shape_factor = shape_ ? rate_factor(settings_.shape, settings_, steps_, done_) : 0;
+  pose_step_ = steps_ % settings_.poses_every == 0 && (pose_factor > 0 || shape_factor > 0);
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
@@ -434,10 +451,19 @@ StepReport Trainer::step(uint64_t steps_left) {
   commands_.submit_and_wait();
   room_.updates.check(steps_ + 1);  // training must not go on as if nothing were
 
-  for (size_t f = 0; f < pose_gradients.size(); ++f) {
+  std::vector<double> of_shape(avatar_.body.shape.size(), 0.0);  // of the poses that the step saw
+  for (size_t f = 0; shape_factor > 0 && f < pose_gradients.size(); ++f) {
+    const std::vector<double> of_frame = shape_gradient(avatar_, images_.poses()[frames[f][0].place.frame], pose_gradients[f]);
+    for (size_t b = 0; b < of_shape.size(); ++b) of_shape[b] += of_frame[b];
+  }
+  for (size_t f = 0; pose_factor > 0 && f < pose_gradients.size(); ++f) {
     const size_t frame = frames[f][0].place.frame;
-    refinement_->step(frame, pose_gradients[f], settings_.poses, rate_factor(settings_.poses, settings_, steps_, done_));
+    refinement_->step(frame, pose_gradients[f], settings_.poses, pose_factor);
     images_.set_pose(frame, refinement_->pose(frame));
+  }
+  if (shape_factor > 0 && pose_step_) {
+    shape_->step(of_shape, settings_.shape, shape_factor);
+    follow_shape();
   }
 
   const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
@@ -487,6 +513,7 @@ Avatar Trainer::avatar() {
       result.refined.poses.push_back(images_.poses()[frame]);
       result.refined.starts.push_back(refinement_->starts()[frame]);
     }
+  if (shape_) result.refined.start_shape = shape_->start();
   return result;
 }
 
@@ -498,6 +525,12 @@ SafetensorsFile Trainer::checkpoint() {
   if (refinement_) {
     refinement_->save(file);
     refinement_->save_poses(file, "training.shell_poses", images_.shell_poses());
+  }
+  if (shape_) {
+    shape_->save(file);
+    std::vector<double> shapes;
+    for (const std::vector<double>& shape : images_.shell_shapes()) shapes.insert(shapes.end(), shape.begin(), shape.end());
+    file.tensors["training.shell_shapes"] = Tensor::from<double>({static_cast<int64_t>(images_.shell_shapes().size()), static_cast<int64_t>(shape_->start().size())}, shapes);
   }
   if (room_.mask_loss) mask_sharpness_.save(file);
   file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
@@ -514,16 +547,32 @@ void Trainer::resume(const SafetensorsFile& file) {
   steps_ = saved.steps;
   if (settings_.ray_importance > 0) importance_.load(file, images_.places().size());
   if (room_.mask_loss) mask_sharpness_.load(file);
-  // Shells and grids as they were: of the poses and solved with the parameters of then.
+  // Shells and grids as they were: of the poses and shapes, and solved with the parameters, of then.
+  std::vector<std::vector<double>> shell_shapes;  // by frame, where the shape is refined
   if (refinement_) {
     refinement_->load(file);
     const std::vector<Pose> shells = refinement_->load_poses(file, "training.shell_poses");
-    for (size_t frame = 0; frame < shells.size(); ++frame) images_.set_pose(frame, shells[frame]), images_.renew(frame, 0);
+    if (shape_) {
+      shape_->load(file);
+      const size_t count = shape_->start().size();
+      const std::vector<double> shapes = file.values<double>("training.shell_shapes", {static_cast<int64_t>(shells.size()), static_cast<int64_t>(count)});
+      for (size_t frame = 0; frame < shells.size(); ++frame) shell_shapes.emplace_back(shapes.begin() + static_cast<ptrdiff_t>(frame * count), shapes.begin() + static_cast<ptrdiff_t>((frame + 1) * count));
+    }
+    for (size_t frame = 0; frame < shells.size(); ++frame) {
+      if (shape_) set_shape(avatar_.body, shell_shapes[frame]);
+      images_.set_pose(frame, shells[frame]), images_.renew(frame, 0);
+    }
   }
   if (file.tensors.contains("training.grid_parameters")) {
     grid_parameters_ = file.values<float>("training.grid_parameters", {static_cast<int64_t>(networks_.layout().group("skinning").size())});
-    solve_correspondences_again(pictured_frames());
+    if (!shape_) solve_correspondences_again(pictured_frames());
+    else
+      for (const size_t frame : pictured_frames()) {
+        set_shape(avatar_.body, shell_shapes[frame]);
+        solve_correspondences_again({frame});
+      }
   }
+  if (shape_) follow_shape();
   if (refinement_)
     for (size_t frame = 0; frame < images_.poses().size(); ++frame) images_.set_pose(frame, refinement_->pose(frame));
 }

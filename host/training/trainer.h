@@ -13,6 +13,7 @@
 #include "host/rendering/shaded_rays.h"
 #include "host/training/parameter_updates.h"
 #include "host/training/pose_refinement.h"
+#include "host/training/shape_refinement.h"
 #include "host/training/mask_loss.h"
 #include "host/training/ray_importance.h"
 #include "host/training/sdf_regularisers.h"
@@ -43,7 +44,8 @@ struct StepReport {
 
 class Trainer {
  public:
-  // avatar: untrained, or fitted to its template, or the one that `resume` continues. The capture must outlive the trainer.
+  // avatar: untrained, or fitted to its template, or the one that `resume` continues. Its body's shape is where refinement of
+  // the shape begins, or, of one that `resume` continues, where it began. The capture must outlive the trainer.
   // Rays that do not fit below the device's memory ceiling together go in several passes, whose gradients add up: the last bits
   // of a training depend on how many. Throws MemoryCeilingError where not even passes of 64 rays fit.
   Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings);
@@ -107,6 +109,8 @@ class Trainer {
   void solve_correspondences_again(const std::vector<size_t>& frames);
   void solve_correspondences(FrameOnDevice& frame);
   std::vector<size_t> pictured_frames() const;
+  // The avatar's body takes the shape as it is refined now.
+  void follow_shape();
   uint32_t planned_rays();
   // One of each frame's pictures.
   std::vector<std::vector<Batch>> draw_batches();
@@ -135,11 +139,12 @@ class Trainer {
   TemplateSamples template_samples_;
   RayImportance importance_;
   std::optional<PoseRefinement> refinement_;
+  std::optional<ShapeRefinement> shape_;
   uint32_t pass_rays_;
   AvatarNetworks networks_;
   Room room_;
   std::vector<float> grid_parameters_;  // of the skinning network when the frames' grids were solved
-  bool pose_step_ = false;       // whether the step moves its frame's pose
+  bool pose_step_ = false;       // whether the step moves its frame's pose, or the shape
   std::optional<std::array<float, 9>> view_rotation_;  // of the step's view directions
   uint32_t passes_done_ = 0;     // of the step so far
   uint64_t shaded_samples_ = 0;  // of the step so far that got a colour

@@ -8,12 +8,13 @@
 
 namespace arah {
 
-TrainingImages::TrainingImages(Device& device, const Avatar& avatar, const Capture& capture, int size, const ShellSettings& shell)
+TrainingImages::TrainingImages(Device& device, Avatar& avatar, const Capture& capture, int size, const ShellSettings& shell)
     : device_(device), avatar_(avatar), capture_(capture), size_(size), shell_(shell), body_(device, avatar.body) {
   const Motion& motion = motion_of(capture, "train");
   frames_.resize(motion.frames.size());
   for (const MotionFrame& frame_of_motion : motion.frames) poses_.push_back(frame_of_motion.pose);
   shell_poses_ = poses_;
+  shell_shapes_ = shapes_ = std::vector(poses_.size(), avatar.body.shape.beta);
   for (const Camera& camera : capture.cameras) cameras_.push_back(size > 0 ? camera.scaled(size) : camera);
   for (size_t camera = 0; camera < capture.cameras.size(); ++camera) {
     if (capture.cameras[camera].role != "train") continue;
@@ -29,24 +30,36 @@ int TrainingImages::frame_number(size_t frame) const { return motion_of(capture_
 
 FrameOnDevice& TrainingImages::frame(size_t frame) {
   std::unique_ptr<FrameOnDevice>& slot = frames_[frame];
-  if (slot) return *slot;
-  slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, shell_poses_[frame], shell_);
-  if (poses_[frame] != shell_poses_[frame]) slot->set_pose(device_, avatar_, poses_[frame]);
+  if (!slot) {
+    const InShape of_shell(avatar_.body, shell_shapes_[frame]);
+    slot = std::make_unique<FrameOnDevice>(device_, avatar_, body_, shell_poses_[frame], shell_);
+    shapes_[frame] = shell_shapes_[frame];
+    if (poses_[frame] != shell_poses_[frame]) set_pose(frame, poses_[frame]);
+  }
+  if (shapes_[frame] != avatar_.body.shape.beta) set_pose(frame, poses_[frame]);
   return *slot;
 }
 
 void TrainingImages::set_pose(size_t frame, const Pose& pose) {
   poses_[frame] = pose;
-  if (frames_[frame]) frames_[frame]->set_pose(device_, avatar_, pose);
+  if (!frames_[frame]) return;
+  frames_[frame]->set_pose(device_, avatar_, pose);
+  shapes_[frame] = avatar_.body.shape.beta;
 }
 
 bool TrainingImages::renew(size_t frame, double drift) {
-  if (poses_[frame] == shell_poses_[frame]) return false;
-  const std::vector<glm::vec3> now = posed_vertices(avatar_.body, poses_[frame]), then = posed_vertices(avatar_.body, shell_poses_[frame]);
+  const std::vector<double> shape = avatar_.body.shape.beta;
+  if (poses_[frame] == shell_poses_[frame] && shape == shell_shapes_[frame]) return false;
+  const std::vector<glm::vec3> now = posed_vertices(avatar_.body, poses_[frame]);
+  const std::vector<glm::vec3> then = [&] {
+    const InShape of_shell(avatar_.body, shell_shapes_[frame]);
+    return posed_vertices(avatar_.body, shell_poses_[frame]);
+  }();
   double farthest = 0;
   for (size_t v = 0; v < now.size(); ++v) farthest = std::max(farthest, double{glm::distance(now[v], then[v])});
   if (drift > 0 && farthest <= drift) return false;
   shell_poses_[frame] = poses_[frame];
+  shell_shapes_[frame] = shape;
   frames_[frame].reset();
   std::erase_if(images_, [&](const auto& entry) { return entry.first.second == frame; });
   return true;
@@ -77,7 +90,10 @@ const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finde
   if (!made) return image;
   const Image picture = load_image(capture_, "train", place.camera, frame_number(place.frame), size_);
   FrameOnDevice& frame_here = frame(place.frame);
-  frame_here.set_pose(device_, avatar_, shell_poses_[place.frame]);  // not of the moment when the picture is first asked for
+  {
+    const InShape of_shell(avatar_.body, shell_shapes_[place.frame]);
+    frame_here.set_pose(device_, avatar_, shell_poses_[place.frame]);  // not of the moment when the picture is first asked for
+  }
   std::vector<uint32_t> pixels;
   for (int v = 0; v < picture.height; ++v)
     for (int u = 0; u < picture.width; ++u) pixels.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);

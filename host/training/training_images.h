@@ -32,17 +32,19 @@ class TrainingImages {
   };
 
   // size: columns that pictures are reduced to; 0: as they are. Throws InputError where there is no training picture.
-  TrainingImages(Device& device, const Avatar& avatar, const Capture& capture, int size, const ShellSettings& shell);
+  // The avatar's body has the shape that frames are asked for in; to make what stays of another it takes that for a moment.
+  TrainingImages(Device& device, Avatar& avatar, const Capture& capture, int size, const ShellSettings& shell);
 
   const std::vector<Place>& places() const { return places_; }  // every training picture, by frame, then by camera
   FrameOnDevice& frame(size_t frame);
 
   // The frames' poses: the capture's, until others are set. A frame's bone transforms and box follow its pose at once. What is
   // slow to make (posed vertices and shell, correspondences between them, and which pixels' rays meet the shell) stays that of
-  // the pose in which it was made, until renew() finds a vertex that has moved farther than `drift` metres in the world (0: until the poses
-  // differ at all): then it is dropped, to be made again when next asked for. Neither waits: not while launches that read the frame run.
+  // the pose and shape in which it was made, until renew() finds a vertex that has moved farther than `drift` metres in the world (0: until
+  // they differ at all): then it is dropped, to be made again when next asked for. Neither waits: not while launches that read the frame run.
   const std::vector<Pose>& poses() const { return poses_; }
   const std::vector<Pose>& shell_poses() const { return shell_poses_; }
+  const std::vector<std::vector<double>>& shell_shapes() const { return shell_shapes_; }  // β by frame
   void set_pose(size_t frame, const Pose& pose);
   bool renew(size_t frame, double drift);
   // All frames that have a picture, with room for their correspondences where wanted. Throws MemoryCeilingError where the
@@ -56,7 +58,7 @@ class TrainingImages {
 
  private:
   Device& device_;
-  const Avatar& avatar_;
+  Avatar& avatar_;
   const Capture& capture_;
   int size_;
   ShellSettings shell_;
@@ -64,6 +66,7 @@ class TrainingImages {
   std::vector<Camera> cameras_;
   std::vector<Place> places_;
   std::vector<Pose> poses_, shell_poses_;  // by frame
+  std::vector<std::vector<double>> shell_shapes_, shapes_;  // by frame: of its shell, and that its bone transforms are of
   std::vector<std::unique_ptr<FrameOnDevice>> frames_;
   std::map<std::pair<size_t, size_t>, TrainingImage> images_;
 };

@@ -149,9 +149,18 @@ class TrainingRun {
     return poses;
   }
 
+  // Of the capture's body, or, for studies, of one in another shape.
+  Avatar untrained() const {
+    if (settings_.disturb_shape == 0) return make_avatar(config_.spec, capture_, settings_.seed);
+    BodyTemplate body = capture_.body_template;
+    set_shape(body, disturbed_shape(body.shape.beta, settings_.disturb_shape, settings_.seed));
+    const std::vector<int> frames = training_frames(capture_);
+    return make_avatar(config_.spec, std::move(body), frames, settings_.seed, &find_frame(motion_of(capture_, "train"), frames.front())->pose);
+  }
+
   RunResult fresh() {
     check_pictures();
-    Avatar avatar = make_avatar(config_.spec, capture_, settings_.seed);
+    Avatar avatar = untrained();
     TrainingSettings fit = settings_;
     std::string pose_networks;
     if (!settings_.prior.empty()) {
@@ -273,9 +282,11 @@ class TrainingRun {
     if (stepped_) end["total"] = last.total;
     RunResult result{stopped, trainer.steps_done(), 0, folder_.avatar_file(), {}};
     if (settings_.pose_refinement) {
-      const PoseImprovement poses = pose_improvement(trainer.avatar().refined, capture_.body_template.skeleton, motion_of(capture_, "train"));
+      const Avatar avatar = trainer.avatar();
+      const PoseImprovement poses = pose_improvement(avatar.refined, avatar.body, capture_.body_template.skeleton, motion_of(capture_, "train"));
       result.poses = describe(poses);
       end["poses"] = {{"frames", poses.after.frames}, {"before_mm", 1000 * poses.before.joints}, {"after_mm", 1000 * poses.after.joints}};
+      if (settings_.shape_refinement) end["shape"] = {{"names", avatar.body.shape.names}, {"capture", capture_.body_template.shape.beta}, {"before", avatar.refined.start_shape}, {"after", avatar.body.shape.beta}};
     }
     end["most_memory"] = device_.most_allocated_bytes();
     end["shaders"] = device_.pipelines_made();

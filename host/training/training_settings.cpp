@@ -93,6 +93,9 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("shell_drift", s.shell_drift);
   visit("disturb_degrees", s.disturb_degrees);
   visit("disturb_metres", s.disturb_metres);
+  visit("shape_refinement", s.shape_refinement);
+  visit("shape", s.shape);
+  visit("disturb_shape", s.disturb_shape);
   visit("end_fraction", s.end_fraction);
   visit("average_decay", s.average_decay);
   visit("checkpoint_minutes", s.checkpoint_minutes);
@@ -196,6 +199,7 @@ TrainingSettings preset_settings(const std::string& preset) {
   s.hyper = s.hyper_last = {.rate = 1e-7, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.low_rank = {.rate = 1e-5, .freeze = 200, .warm_up = 200, .max_norm = 10};
   s.poses = {.rate = 2e-3, .freeze = 200};  // a frame has its turn some ten times; at first colours say nothing about poses
+  s.shape = s.poses;
   s.poses_every = 4;                        // every other one is a step in which the skinning network learns from colours
   if (preset == "tiny") return s;
   if (preset == "compact") {
@@ -221,7 +225,7 @@ TrainingSettings preset_settings(const std::string& preset) {
     s.sdf = {.rate = 1e-4, .freeze = 200, .warm_up = 200, .max_norm = 10};
     s.skinning = s.color = {.rate = 1e-4};  // b stays frozen at first as in the others: 1e-4 m a step takes its 1 mm to 0 in ten
     s.latent = {.rate = 1e-4, .weight_decay = 0.05};
-    s.poses = {.rate = 1e-4};
+    s.poses = s.shape = {.rate = 1e-4};
     s.poses_every = 1;
     s.end_fraction = 1;
     s.fit_rate = 2e-4;
@@ -255,8 +259,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   // Above, one ray's weight could be more than ten times another's.
   if (!(settings.ray_importance >= 0 && settings.ray_importance <= 0.9)) throw InputError(where, "ray_importance", "a share from 0 to 0.9", fmt::format("{}", settings.ray_importance));
   if (settings.poses_every == 0) throw InputError(where, "poses_every", "at least 1", "0");
-  if (!(settings.shell_drift >= 0 && settings.disturb_degrees >= 0 && settings.disturb_metres >= 0))
-    throw InputError(where, "shell_drift, disturb_degrees, disturb_metres", "numbers of at least 0", fmt::format("{}, {}, {}", settings.shell_drift, settings.disturb_degrees, settings.disturb_metres));
+  if (!(settings.shell_drift >= 0 && settings.disturb_degrees >= 0 && settings.disturb_metres >= 0 && settings.disturb_shape >= 0))
+    throw InputError(where, "shell_drift, disturb_degrees, disturb_metres, disturb_shape", "numbers of at least 0", fmt::format("{}, {}, {}, {}", settings.shell_drift, settings.disturb_degrees, settings.disturb_metres, settings.disturb_shape));
   if (!(settings.view_augmentation >= 0 && settings.view_augmentation <= 1)) throw InputError(where, "view_augmentation", "a probability from 0 to 1", fmt::format("{}", settings.view_augmentation));
   if (settings.sampling.around_surface % 2 == 0) throw InputError(where, "around_surface", "an odd number: the middle sample is the surface itself", fmt::format("{}", settings.sampling.around_surface));
   if (!(settings.sampling.half_width > 0 && settings.half_width_start >= 0)) throw InputError(where, "half_width, half_width_start", "metres, above 0 and at least 0", fmt::format("{}, {}", settings.sampling.half_width, settings.half_width_start));

@@ -80,8 +80,15 @@ struct TrainingSettings {
   GroupSettings poses = {.rate = 1e-4};
   uint32_t poses_every = 1;  // steps between two that move a pose: they cost more, except where the skinning network learns from colours too
   double shell_drift = 0.01;  // metres that a vertex may move before the frame's shell follows its pose
-  // For studies of refinement: poses are disturbed before training (disturbed_pose()). 0: as the capture has them.
-  double disturb_degrees = 0, disturb_metres = 0;
+  // Whether, where poses are refined, the body's shape is too (shape_refinement.h): one β for all frames, which moves the joints
+  // that poses turn about. Idle without pose_refinement, refused where no morph target of the template moves a joint. `arah
+  // train` turns it on where it turns pose_refinement on, because the capture states that its poses are estimates, and the
+  // template has such targets: a shape is estimated with its poses. In steps that poses_every names.
+  bool shape_refinement = false;
+  GroupSettings shape = {.rate = 1e-4};  // of β, by steps. Weight decay draws it back to where it began
+  // For studies of refinement: poses are disturbed before training (disturbed_pose()), and so is the body's shape
+  // (disturbed_shape()). 0: as the capture has them.
+  double disturb_degrees = 0, disturb_metres = 0, disturb_shape = 0;
 
   double end_fraction = 0.03;     // of each rate, at the end
   double average_decay = 0.995;   // of the moving average that renders; 0: none
@@ -96,6 +103,8 @@ struct TrainingSettings {
   std::string prior;
   uint32_t prior_fit_steps = 300, prior_fit_skinning_steps = 500;
 };
+
+inline bool shape_is_refined(const TrainingSettings& settings) { return settings.pose_refinement && settings.shape_refinement; }
 
 // Where poses are to be refined and correspondences would come from grids alone, they begin their searches there instead.
 void search_for_refinement(TrainingSettings& settings);

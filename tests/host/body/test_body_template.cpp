@@ -1,69 +1,13 @@
-#include <cstring>
 #include <functional>
 #include <glm/geometric.hpp>
-#include <nlohmann/json.hpp>
 
 #include "host/body/body_template.h"
 #include "host/body/canonical.h"
+#include "tests/host/body/glb_parts.h"
 #include "tests/host/body/rigs.h"
 
 namespace arah {
 namespace {
-
-using nlohmann::json;
-
-std::string text_of(const std::vector<std::byte>& bytes) {
-  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
-std::vector<std::byte> bytes_of(const std::string& text) {
-  const std::span<const std::byte> bytes = std::as_bytes(std::span(text));
-  return {bytes.begin(), bytes.end()};
-}
-
-std::string padded(std::string text, char with) {
-  text.resize((text.size() + 3) / 4 * 4, with);
-  return text;
-}
-std::string word(std::size_t value) {
-  std::string text;
-  for (int k = 0; k < 4; ++k) text.push_back(static_cast<char>((value >> (8 * k)) & 255));
-  return text;
-}
-
-// The JSON and the buffer of a GLB, for tests to change, and back.
-struct Parts {
-  json head;
-  std::string buffer;
-
-  explicit Parts(const BodyTemplate& body) {
-    const std::string glb = text_of(body_template_glb(body));
-    std::uint32_t size = 0;
-    std::memcpy(&size, glb.data() + 12, 4);
-    head = json::parse(glb.substr(20, size));
-    buffer = glb.substr(28 + size);
-  }
-  std::string glb() const {
-    const std::string text = padded(head.dump(), ' '), data = padded(buffer, '\0');
-    const std::string chunks = word(text.size()) + "JSON" + text + word(data.size()) + std::string("BIN\0", 4) + data;
-    return "glTF" + word(2) + word(12 + chunks.size()) + chunks;
-  }
-  // Replaces the accessor of a vertex attribute by floats.
-  void set_floats(const std::string& attribute, const std::vector<float>& values, const std::string& type,
-                  std::size_t n) {
-    buffer = padded(buffer, '\0');
-    head["bufferViews"].push_back({{"buffer", 0}, {"byteOffset", buffer.size()}, {"byteLength", 4 * values.size()}});
-    buffer.append(reinterpret_cast<const char*>(values.data()), 4 * values.size());
-    head["buffers"][0]["byteLength"] = buffer.size();
-    head["accessors"].push_back(
-        {{"bufferView", head["bufferViews"].size() - 1}, {"componentType", 5126}, {"type", type}, {"count", n}});
-    head["meshes"][0]["primitives"][0]["attributes"][attribute] = head["accessors"].size() - 1;
-  }
-  json& primitive() { return head["meshes"][0]["primitives"][0]; }
-};
-
-BodyTemplate read(const Parts& parts) {
-  return read_body_template_bytes(bytes_of(parts.glb()), "figure.glb");
-}
 
 TEST(BodyTemplate, ReadsBackWhatItWrote) {
   const TemporaryFolder folder;

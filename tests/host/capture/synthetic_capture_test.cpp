@@ -17,6 +17,7 @@
 
 #include "host/capture/capture.h"
 #include "host/capture/software_renderer.h"
+#include "host/capture/figure_anatomy.h"
 #include "host/capture/synthetic_figure.h"
 #include "host/capture/synthetic_motion.h"
 #include "host/input_error.h"
@@ -371,6 +372,38 @@ TEST(SyntheticCapture, TheBodySeedChangesTheBodyAndFitsItsTemplate) {
   write_synthetic_capture(folder.path / "b", settings);
   EXPECT_NE(files_of(folder.path / "a").at("template.glb"), files_of(folder.path / "b").at("template.glb"));
   EXPECT_GE(worst_share_on_figure(open_capture(folder.path / "b")), 0.98);
+}
+
+// A unit of a morph target is the body that the figure's own makers give such a build: joints exactly, vertices as the nearest
+// of that body's mesh, which is another.
+TEST(SyntheticCapture, TheTemplatesShapeIsTheFiguresBuild) {
+  const FigureVariation variation = varied_figure(4);
+  const ClothedFigure figure = make_clothed_figure(3, variation);
+  BodyTemplate body = body_with_shape(figure, variation.build);
+  EXPECT_EQ(body.shape.names, (std::vector<std::string>{"height", "arm_length", "leg_length", "trunk_length"}));
+  EXPECT_EQ(body.vertices, figure.body.vertices);
+  for (std::size_t b = 0; b < 4; ++b) {
+    SCOPED_TRACE(body.shape.names[b]);
+    FigureVariation other = variation;
+    (b == 0 ? other.build.height : b == 1 ? other.build.arm_length : b == 2 ? other.build.leg_length : other.build.trunk_length) *= 1.1;
+    const BodyTemplate truth = make_body(make_anatomy(3, other));
+    std::vector<double> beta(4, 0.0);
+    beta[b] = 1;
+    set_shape(body, beta);
+    for (std::size_t j = 0; j < truth.skeleton.size(); ++j) EXPECT_LT(glm::length(body.skeleton.rest_joints[j] - truth.skeleton.rest_joints[j]), 1e-9) << truth.skeleton.names[j];
+    float farthest = 0, before = 0;
+    for (std::size_t v = 0; v < body.vertices.size(); v += 37) {
+      const auto nearest = [&](const glm::vec3& place) {
+        float least = 1;
+        for (const glm::vec3& vertex : truth.vertices) least = std::min(least, glm::distance(vertex, place));
+        return least;
+      };
+      farthest = std::max(farthest, nearest(body.vertices[v]));
+      before = std::max(before, nearest(body.shape.base_vertices[v]));
+    }
+    std::printf("  %s: vertices up to %.1f mm from the other body's, %.1f mm without the target\n", body.shape.names[b].c_str(), 1e3 * double(farthest), 1e3 * double(before));
+    EXPECT_LT(farthest, 0.5f * before);
+  }
 }
 
 TEST(SyntheticCapture, AnyRigCanBeTheBody) {

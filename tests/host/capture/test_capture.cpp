@@ -178,6 +178,13 @@ TEST(Inspect, LooksAtSingleFiles) {
   BodyTemplate open = made.body;
   open.triangles.pop_back();
   EXPECT_THAT(inspect_template(open), testing::HasSubstr("warning: the mesh is not closed: 3 open edges"));
+  EXPECT_THAT(inspect_template(made.body), testing::Not(testing::HasSubstr("shape")));
+  BodyTemplate shaped = made.body;
+  shaped.shape.names = {"long"};
+  shaped.shape.beta = {0.5};
+  shaped.shape.vertex_offsets = {{{0, 0, 0}, {0, 0.3f, 0.4f}, {0, 0, 0}, {0, 0, 0}}};
+  shaped.shape.joint_offsets = {{{0, 0, 0}, {0, 0, 0}, {0.02, 0, 0}}};
+  EXPECT_THAT(inspect_template(shaped), testing::HasSubstr("shape 'long': a unit moves vertices by up to 500.0 mm, rest joints by up to 20.0 mm; 0.5 here"));
   Motion degrees = made.motion;
   degrees.frames[1].pose.theta[0].x = 45.0;
   EXPECT_THAT(inspect_motion(degrees), testing::HasSubstr("are the angles radians?"));

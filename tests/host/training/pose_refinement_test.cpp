@@ -37,7 +37,10 @@ class PoseRefinementTest : public DeviceTest {
     return settings;
   }
   static const Motion& truth() { return motion_of(small_capture(), "train"); }
-  static PoseImprovement improvement(Trainer& trainer) { return pose_improvement(trainer.avatar().refined, small_capture().body_template.skeleton, truth()); }
+  static PoseImprovement improvement(Trainer& trainer) { 
+    const Avatar avatar = trainer.avatar();
+    return pose_improvement(avatar.refined, avatar.body, small_capture().body_template.skeleton, truth());
+  }
 };
 
 TEST(DisturbedPose, IsAsFarAsItSaysAndTheSameAgain) {
