@@ -82,6 +82,18 @@ const PythonArray* as_array(const PythonValue& value) {
   return array ? array->get() : nullptr;
 }
 
+bool holds_letters(const PythonArray& array) { return array.type.kind == 'S' || array.type.kind == 'U'; }
+
+std::string stored_text(const PythonArray& array, std::size_t place) {
+  const std::string_view stored = array.data.substr(place * array.type.size, array.type.size);
+  std::string text;
+  if (array.type.kind == 'S') text = std::string(stored);
+  for (std::size_t at = 0; array.type.kind == 'U' && at + 4 <= stored.size(); at += 4) {
+    append_letter(text, stored_bits<std::uint32_t>(stored.data() + at, array.type.big_endian));
+  }
+  return text.substr(0, text.find('\0'));  // shorter texts are filled up with zeros
+}
+
 // Lists may share what they contain, so that a small file could stand for any number of numbers.
 constexpr std::size_t kMostNumbers = std::size_t{1} << 24;
 
@@ -230,15 +242,19 @@ std::string python_text(const PythonValue& value, const std::string& where, cons
     const PythonValue& only = *array->items[0];
     if (std::holds_alternative<std::string_view>(only.content)) return python_text(only, where, field);
   }
-  if (array && array->size() == 1 && (array->type.kind == 'S' || array->type.kind == 'U')) {
-    std::string text;
-    if (array->type.kind == 'S') text = std::string(array->data);
-    for (std::size_t at = 0; array->type.kind == 'U' && at + 4 <= array->data.size(); at += 4) {
-      append_letter(text, stored_bits<std::uint32_t>(array->data.data() + at, array->type.big_endian));
-    }
-    return text.substr(0, text.find('\0'));  // shorter texts are filled up with zeros
-  }
+  if (array && array->size() == 1 && holds_letters(*array)) return stored_text(*array, 0);
   throw InputError(where, field, "a text", python_excerpt(value));
+}
+
+std::vector<std::string> python_texts(const PythonValue& value, const std::string& where, const std::string& field) {
+  std::vector<std::string> texts;
+  const PythonArray* array = as_array(value);
+  if (array && holds_letters(*array) && array->type.size > 0 && array->shape.size() == 1) {
+    for (std::size_t i = 0; i < array->size(); ++i) texts.push_back(stored_text(*array, i));
+  } else {
+    for (const PythonValue* item : python_items(value, -1, where, field)) texts.push_back(python_text(*item, where, field));
+  }
+  return texts;
 }
 
 std::int64_t python_integer(const PythonValue& value, const std::string& where, const std::string& field) {

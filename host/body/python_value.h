@@ -90,6 +90,8 @@ const PythonValue& python_member(const PythonValue& dictionary, std::string_view
 // The items of a list, a tuple or an array of values with one axis; `count` of them, or any number where it is negative.
 const std::vector<const PythonValue*>& python_items(const PythonValue& value, long count, const std::string& where,
                                                     const std::string& field);
+// The texts of such a list, or of an array of texts with one axis.
+std::vector<std::string> python_texts(const PythonValue& value, const std::string& where, const std::string& field);
 std::string python_text(const PythonValue& value, const std::string& where, const std::string& field);
 std::int64_t python_integer(const PythonValue& value, const std::string& where, const std::string& field);
 // An array of numbers. Axes of length -1 may have any length.
