@@ -104,7 +104,7 @@ std::string preset_table() {
   for (const DatasetPreset& preset : dataset_presets()) {
     const SplitPlan& plan = preset.plan;
     table += fmt::format("{:10} {:12} {:9} {:13} {:28} {}\n", preset.name, preset.sequence, range_text(plan.ranges[0], preset.frame_step),
-                         range_text(plan.ranges[1], preset.frame_step), fmt::join(plan.train_cameras, ","), fmt::join(plan.test_cameras, ","));
+                         range_text(plan.ranges[1], preset.frame_step), fmt::format("{}", fmt::join(plan.train_cameras, ",")), fmt::join(plan.test_cameras, ","));
   }
   return table +
          "\nFrames as first:end:step, the end excluded. Cameras for training see all training frames; test cameras see every\n"

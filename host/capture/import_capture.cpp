@@ -12,6 +12,7 @@
 
 #include "host/body/body_template.h"
 #include "host/body/motion.h"
+#include "host/body/smpl_file.h"
 #include "host/body/smpl_joints.h"
 #include "host/capture/dataset.h"
 #include "host/capture/imported_picture.h"
@@ -118,6 +119,23 @@ void choose_cameras(ImportPlan& plan) {
   }
 }
 
+// The body: a rig as it is, or a model of the SMPL family in the shape that the sequence's first fit states.
+void read_body(ImportPlan& plan, const ImportSettings& settings) {
+  if (!is_smpl_file(settings.body)) {
+    plan.body = read_body_template(settings.body);
+    return;
+  }
+  std::vector<double> betas;
+  for (const DatasetFrame& frame : plan.dataset.frames) {
+    if (!fs::is_regular_file(frame.fit)) continue;
+    betas = read_body_fit(frame.fit).shapes;
+    break;
+  }
+  SmplBody smpl = read_smpl_body(settings.body, betas);
+  plan.body = std::move(smpl.body);
+  plan.report.notes.insert(plan.report.notes.end(), smpl.notes.begin(), smpl.notes.end());
+}
+
 // A dataset's pose in the order and with the names of SMPL's joints, as poses of the body's rig.
 Motion empty_motion(const std::string& split, const BodyTemplate& body, std::size_t joints, const std::string& where) {
   Motion motion;
@@ -185,7 +203,7 @@ void choose_frames(ImportPlan& plan, const ImportSettings& settings) {
   std::vector<std::string>& notes = plan.report.notes;
   if (!without_body.empty()) notes.push_back(fmt::format("{} frames have no fitted body and are left out, the first of them frame {}.", without_body.size(), without_body[0]));
   if (missing > 0) notes.push_back(fmt::format("{} pictures have no file or no mask and are left out.", missing));
-  if (std::any_of(shapes.begin(), shapes.end(), [](double beta) { return beta != 0; })) {
+  if (!is_smpl_file(settings.body) && std::any_of(shapes.begin(), shapes.end(), [](double beta) { return beta != 0; })) {
     notes.push_back(fmt::format("The sequence gives shape coefficients; {} is taken as it is, so it must have the subject's shape.", settings.body.filename().string()));
   }
   if (varies > 1e-3) notes.push_back(fmt::format("The sequence's shape coefficients differ by up to {:.3g} between frames.", varies));
@@ -193,12 +211,12 @@ void choose_frames(ImportPlan& plan, const ImportSettings& settings) {
 
 ImportPlan make_plan(const ImportSettings& settings) {
   if (settings.body.empty()) {
-    throw InputError("--body", "", "the body that the sequence's poses are for", "none", "The layout has poses but no body: give a skinned .glb.");
+    throw InputError("--body", "", "the body that the sequence's poses are for", "none", "The layout has poses but no body: give a skinned .glb, or SMPL's own file.");
   }
   ImportPlan plan;
-  plan.body = read_body_template(settings.body);
   plan.dataset = read_dataset(settings);
   plan.splits = choose_splits(settings, plan.dataset, plan.report);
+  read_body(plan, settings);
   choose_cameras(plan);
   for (const std::size_t c : plan.cameras) {
     const Camera& camera = plan.dataset.cameras[c];

@@ -13,7 +13,7 @@ namespace arah {
 struct ImportSettings {
   std::string layout;                      // one of import_layouts()
   std::filesystem::path in, out;           // the sequence's folder; the folder to write
-  std::filesystem::path body;              // .glb or .gltf
+  std::filesystem::path body;              // .glb or .gltf, taken as it is; or SMPL's .npz or .pkl, in the sequence's shape
   std::string preset;                      // of dataset_presets(); empty: the one for the folder's name, if there is one
   std::vector<FrameRange> ranges;          // instead of a preset's; none and no preset: all frames train
   std::vector<std::string> train_cameras;  // instead of a preset's; all others are held out

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "host/body/smpl_file.h"
 #include "host/capture/import_capture.h"
 #include "host/cli/command.h"
 #include "host/cli/interrupt.h"
@@ -12,20 +13,40 @@
 #include "host/input_error.h"
 
 namespace arah {
+namespace {
+
+constexpr const char* kBodyWord = "smpl";
+
+void print_notes(const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) fmt::print("note: {}\n", note);
+}
+
+int import_body(const ImportSettings& settings, const std::vector<double>& betas) {
+  const SmplBody smpl = read_smpl_body(settings.in, betas);
+  write_body_template(settings.out, smpl.body);
+  print_notes(smpl.notes);
+  return 0;
+}
+
+}  // namespace
 
 void add_import_command(CLI::App& program, Run& run) {
   struct Options {
     ImportSettings settings;
+    std::vector<double> betas;
     std::vector<std::string> ranges;
     bool list_presets = false;
   };
   const auto options = std::make_shared<Options>();
-  CLI::App* command = program.add_subcommand("import", "Make a capture of a sequence of a public dataset");
+  CLI::App* command = program.add_subcommand("import", "Make a capture of a sequence of a public dataset, or a rig of a body model");
   ImportSettings& settings = options->settings;
-  command->add_option("LAYOUT", settings.layout, fmt::format("{}: how the sequence lies on disk", fmt::join(import_layouts(), ", ")));
-  command->add_option("IN", settings.in, "the sequence's folder");
-  command->add_option("OUT", settings.out, "folder to write; an earlier import there is replaced");
-  command->add_option("--body", settings.body, "the body that the sequence's poses are for: a skinned .glb or .gltf with SMPL's joint names");
+  command->add_option("LAYOUT", settings.layout, fmt::format("{}: how the sequence lies on disk; {}: a body model", fmt::join(import_layouts(), ", "), kBodyWord));
+  command->add_option("IN", settings.in, "the sequence's folder; for smpl the model's file, .npz or .pkl");
+  command->add_option("OUT", settings.out, "folder to write; an earlier import there is replaced. For smpl a .glb");
+  command->add_option("--body", settings.body,
+                      "the body that the sequence's poses are for: a skinned .glb or .gltf with SMPL's joint names, taken as it is, or SMPL's .npz or .pkl, "
+                      "which gets the sequence's shape");
+  command->add_option("--betas", options->betas, "shape coefficients for smpl, with commas between")->delimiter(',');
   command->add_option("--split", settings.preset, "a published split, see --list-presets (default: the one for the sequence, by the folder's name)");
   command->add_option("--frames", options->ranges,
                       "SPLIT=FIRST:END[:STEP], any number of times, instead of a published split; END is not in it. train is what is learnt from");
@@ -45,6 +66,7 @@ void add_import_command(CLI::App& program, Run& run) {
       ImportSettings chosen = options->settings;
       if (chosen.layout.empty() || chosen.in.empty() || chosen.out.empty())
         throw InputError("arah import", "", "LAYOUT, IN and OUT", "fewer words", "See: arah import --help");
+      if (chosen.layout == kBodyWord) return import_body(chosen, options->betas);
       for (const std::string& text : options->ranges) chosen.ranges.push_back(parse_frame_range(text));
       const Interrupt interrupt;
       std::optional<Progress> progress;
@@ -55,7 +77,7 @@ void add_import_command(CLI::App& program, Run& run) {
       });
       if (progress) progress->finish(chosen.out.string());
       if (!report.preset.empty()) fmt::print("split {}\n", report.preset);
-      for (const std::string& note : report.notes) fmt::print("note: {}\n", note);
+      print_notes(report.notes);
       return 0;
     };
   });

@@ -5,6 +5,8 @@
 #include <glm/matrix.hpp>
 #include <nlohmann/json.hpp>
 
+#include "host/body/smpl_file.h"
+#include "tests/host/body/small_smpl.h"
 #include "tests/host/capture/made_up_sequence.h"
 
 namespace arah {
@@ -69,6 +71,8 @@ TEST(DatasetPresets, AreThePublishedSplits) {
     EXPECT_EQ(preset.plan.training_band, 2);
     EXPECT_EQ(preset.plan.evaluation_band, 0);
   }
+  EXPECT_THAT(table, testing::ContainsRegex("zju-390 +CoreView_390 +700:1000 +0:700:30 +1,7,13,19 +2,3,4,5,6,8,"));
+  EXPECT_THAT(table, testing::ContainsRegex("h36m-S9 +S9 +0:260 +260:393:6 +54138969,55011271,58860488 +60457274"));
   expect_input_error([] { dataset_preset("zju-314"); }, {"--split", "zju-313", "'zju-314'"});
 }
 
@@ -188,6 +192,26 @@ TEST(Import, ReadsTheOldNamesAndTakesThePublishedSplit) {
   const auto alpha = [&](std::size_t camera, std::size_t u, std::size_t v) { return load_image(capture, "train", camera, 0).rgba[4 * (v * 96 + u) + 3]; };
   EXPECT_EQ(alpha(0, 19, 40), 0.0f);
   EXPECT_EQ(alpha(0, 20, 40), 1.0f);
+}
+
+TEST(Import, GivesABodyModelTheSequencesShape) {
+  const MadeUpSequence made;
+  ImportSettings settings = settings_for(made);
+  for (int f = 0; f < 4; ++f) {
+    BodyFit fit = made.fits[static_cast<std::size_t>(f)];
+    fit.shapes = {0.5, -0.2, 0, 0, 0, 0, 0, 0, 0, 0};
+    made.write_fit(f, fit);
+  }
+  settings.body = made.root.write("SMPL_NEUTRAL.npz", SmallModel().npz(true));
+  const ImportReport report = import_capture(settings);
+  EXPECT_THAT(report.notes, testing::Contains(testing::HasSubstr("Pose blend shapes are left out")));
+  const Capture capture = open_capture(settings.out);
+  const std::vector<double> betas{0.5, -0.2};
+  EXPECT_EQ(capture.body_template.vertices, read_smpl_body(settings.body, betas).body.vertices);
+  const glm::dvec3 root = capture.body_template.skeleton.rest_joints[0];
+  EXPECT_LT(glm::length(root - glm::dvec3(0.05, 1.0, -0.06)), 1e-6);
+  const glm::dvec3 expected = rotation_from_axis_angle(made.fits[1].Rh) * root + made.fits[1].Th;
+  EXPECT_LT(glm::length(motion_of(capture, "train").frames[1].pose.root_position - expected), 1e-6);
 }
 
 TEST(Import, SaysWhatIsMissing) {
