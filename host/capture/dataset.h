@@ -39,6 +39,11 @@ Dataset read_zju_mocap(const std::filesystem::path& folder);
 // Human3.6M as Animatable NeRF lays it out: the same in S*/Posing, with intrinsics for pictures of 1000 x 1002 pixels.
 Dataset read_h36m(const std::filesystem::path& folder);
 
+// EasyMocap's own: intri.yml and extri.yml (metres), images/<camera>/<frame>.jpg, masks of the same names in mask/, masks/,
+// mask-schp/ or mask_cihp/, fits in output-smpl-3d/smpl/, output/smpl/smpl/, output/smpl/ or smpl/. Frames are those that
+// have a fit.
+Dataset read_easymocap(const std::filesystem::path& folder);
+
 // A body fitted by EasyMocap: x_world = R(Rh) · LBS(poses)(x_rest) + Th, the rotation about the world's origin.
 struct BodyFit {
   std::vector<glm::dvec3> poses;  // [24] axis-angles; the root's own is usually 0 (52 for SMPL-H, 55 for SMPL-X)
@@ -47,7 +52,8 @@ struct BodyFit {
   std::vector<double> shapes;     // betas
 };
 
-// From new_params/<frame>.npy (a pickled dictionary). Throws InputError.
+// From new_params/<frame>.npy (a pickled dictionary) or EasyMocap's <frame>.json (a list of people, or one under "annots";
+// the one with the lowest id is taken). 69 numbers of poses lack the root's, which are 0 then. Throws InputError.
 BodyFit read_body_fit(const std::filesystem::path& path);
 
 // The same as a pose of a rig whose root rests at `root_rest`: θ_0 = log(R(Rh) R(poses_0)), root at R(Rh) J_0 + Th.

@@ -31,7 +31,7 @@ struct Layout {
   const char* name;
   Dataset (*read)(const fs::path& folder);
 };
-constexpr Layout kLayouts[] = {{"zju-mocap", read_zju_mocap}, {"h36m", read_h36m}};
+constexpr Layout kLayouts[] = {{"zju-mocap", read_zju_mocap}, {"h36m", read_h36m}, {"easymocap", read_easymocap}};
 
 // One picture to write.
 struct PictureJob {
@@ -221,7 +221,7 @@ ImportPlan make_plan(const ImportSettings& settings) {
   for (const std::size_t c : plan.cameras) {
     const Camera& camera = plan.dataset.cameras[c];
     if (camera.width == 0) throw InputError(settings.in.string(), fmt::format("camera '{}'", camera.name), "at least one picture", "none");
-    check_camera(camera, (settings.in / "annots.npy").string());
+    check_camera(camera, settings.in.string());
     if (settings.size > camera.width) {
       throw InputError("--size", "", fmt::format("at most {} columns, as camera '{}' has", camera.width, camera.name), fmt::format("{}", settings.size));
     }

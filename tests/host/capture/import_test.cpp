@@ -2,6 +2,8 @@
 // conventions; what is missing is said, what is wrong is refused, and nothing half-written stays.
 #include "host/capture/import_capture.h"
 
+#include <fmt/ranges.h>
+
 #include <glm/matrix.hpp>
 #include <nlohmann/json.hpp>
 
@@ -240,7 +242,7 @@ TEST(Import, RefusesWhatIsWrongAndLeavesNothing) {
   refuse(bad, {"--body"});
   bad = good;
   bad.layout = "coco";
-  refuse(bad, {"zju-mocap, h36m", "'coco'"});
+  refuse(bad, {"zju-mocap, h36m, easymocap", "'coco'"});
   bad = good;
   bad.preset = "h36m-S9";
   refuse(bad, {"a preset of zju-mocap"});
@@ -325,6 +327,97 @@ TEST(Import, ResizesHuman36mToItsIntrinsics) {
   const double scale = 1000.0 / 96;
   EXPECT_EQ(border.inside[500 * 1000 + static_cast<std::size_t>(18.5 * scale)], 1);
   EXPECT_EQ(border.inside[500 * 1000 + static_cast<std::size_t>(17.5 * scale)], 0);
+}
+
+std::string yaml_matrix(const std::string& key, std::size_t rows, std::size_t columns, const std::vector<double>& numbers) {
+  return fmt::format("{}: !!opencv-matrix\r\n  rows: {}\r\n  cols: {}\r\n  dt: d\r\n  data: [{:.17g}]\r\n", key, rows, columns, fmt::join(numbers, ", "));
+}
+
+// The made-up sequence once more, as EasyMocap lays it out.
+struct EasyMocapFolder {
+  explicit EasyMocapFolder(const MadeUpSequence& made) : folder(made.root / "easy") {
+    intrinsics = extrinsics = "%YAML:1.0\r\n---\r\nnames:\r\n  - \"B1\"\r\n  - \"B2\"\r\n";
+    for (std::size_t c = 0; c < 2; ++c) {
+      const Camera& camera = made.cameras[c];
+      const std::string name = fmt::format("B{}", c + 1);
+      const auto& D = camera.distortion;
+      intrinsics += yaml_matrix("K_" + name, 3, 3, MadeUpSequence::rows(camera.K)) + yaml_matrix("dist_" + name, 1, 5, {D.begin(), D.end()}) + "H_" + name + ": 80\r\n";
+      const glm::dvec3 R = axis_angle_from_rotation(camera.R);
+      extrinsics += yaml_matrix("R_" + name, 3, 1, {R.x, R.y, R.z}) + yaml_matrix("Rot_" + name, 3, 3, MadeUpSequence::rows(camera.R)) +
+                    yaml_matrix("T_" + name, 3, 1, {camera.T.x, camera.T.y, camera.T.z});
+      fs::create_directories(folder / "images");
+      fs::create_directories(folder / "mask");
+      fs::copy(made.folder / camera.name, folder / "images" / name);
+      fs::copy(made.folder / "mask_cihp" / camera.name, folder / "mask" / name);
+    }
+    made.root.write("easy/intri.yml", intrinsics);
+    made.root.write("easy/extri.yml", extrinsics);
+    for (std::size_t f = 0; f < 4; ++f) made.root.write(fmt::format("easy/output-smpl-3d/smpl/{:06}.json", f), fit_json(made.fits[f], f));
+  }
+  // Frames 0 and 1 as earlier versions write them, the others as later ones: under "annots", without the root's zeros.
+  static std::string fit_json(const BodyFit& fit, std::size_t frame) {
+    nlohmann::json person = {{"id", 0}, {"Rh", {{fit.Rh.x, fit.Rh.y, fit.Rh.z}}}, {"Th", {{fit.Th.x, fit.Th.y, fit.Th.z}}}, {"shapes", {fit.shapes}}};
+    nlohmann::json poses = nlohmann::json::array();
+    for (std::size_t j = frame < 2 ? 0 : 1; j < fit.poses.size(); ++j)
+      for (int k = 0; k < 3; ++k) poses.push_back(fit.poses[j][k]);
+    person["poses"] = {poses};
+    nlohmann::json other = person;
+    other["id"] = 1;
+    other["Th"] = {{9, 9, 9}};
+    const nlohmann::json people = {other, person};
+    return frame < 2 ? people.dump() : nlohmann::json{{"annots", people}}.dump();
+  }
+  fs::path folder;
+  std::string intrinsics, extrinsics;
+};
+
+TEST(Import, ReadsEasyMocapsLayout) {
+  const MadeUpSequence made;
+  const EasyMocapFolder easy(made);
+  ImportSettings settings = settings_for(made);
+  import_capture(settings);
+  const Capture expected = open_capture(settings.out);
+  settings.layout = "easymocap";
+  settings.in = easy.folder;
+  settings.out = made.root / "from_easymocap";
+  EXPECT_EQ(import_capture(settings).pictures, 8u);
+  const Capture capture = open_capture(settings.out);
+  for (std::size_t c = 0; c < 2; ++c) {
+    EXPECT_EQ(capture.cameras[c].name, fmt::format("B{}", c + 1));
+    EXPECT_EQ(capture.cameras[c].K, expected.cameras[c].K);
+    for (int k = 0; k < 3; ++k) EXPECT_LT(glm::length(capture.cameras[c].R[k] - expected.cameras[c].R[k]), 1e-12);
+    EXPECT_LT(glm::length(capture.cameras[c].T - expected.cameras[c].T), 1e-12);
+    for (int f = 0; f < 4; ++f) EXPECT_EQ(load_image(capture, "train", c, f).rgba, load_image(expected, "train", c, f).rgba);
+  }
+  for (std::size_t f = 0; f < 4; ++f) EXPECT_EQ(motion_of(capture, "train").frames[f].pose, motion_of(expected, "train").frames[f].pose);
+}
+
+TEST(Import, RefusesWhatEasyMocapWouldNotWrite) {
+  const MadeUpSequence made;
+  const EasyMocapFolder easy(made);
+  ImportSettings settings = settings_for(made);
+  settings.layout = "easymocap";
+  settings.in = easy.folder;
+  const auto refuse = [&](const std::string& name, const std::string& whole, const std::string& from, const std::string& to, const std::vector<std::string>& parts) {
+    std::string changed = whole;
+    ASSERT_NE(changed.find(from), changed.npos);
+    made.root.write("easy/" + name, changed.replace(changed.find(from), from.size(), to));
+    expect_input_error([&] { import_capture(settings); }, parts);
+    made.root.write("easy/" + name, whole);
+  };
+  refuse("intri.yml", easy.intrinsics, "K_B2", "L_B2", {"intri.yml: K_B2: expected a matrix, found none"});
+  refuse("intri.yml", easy.intrinsics, "rows: 3", "rows: 2", {"intri.yml: K_B1: expected 2x3 numbers, found 9"});
+  refuse("intri.yml", easy.intrinsics, "rows: 3", "rows: -3", {"line 7", "rows or columns"});
+  refuse("intri.yml", easy.intrinsics, "K_B2", "K_B1", {"each key once"});
+  refuse("intri.yml", easy.intrinsics, "data: [", "data: [x", {"line 10", "finite number"});
+  refuse("intri.yml", easy.intrinsics, "data: [", "data: ", {"numbers in brackets"});
+  refuse("intri.yml", easy.intrinsics, "\"B2\"", "\"../B2\"", {"K_../B2"});
+  refuse("intri.yml", easy.intrinsics, "]\r\nH_B2", "\r\nH_B2", {"a list that ends"});
+  refuse("extri.yml", easy.extrinsics, "T_B1", "t_B1", {"extri.yml: T_B1"});
+  refuse("output-smpl-3d/smpl/000001.json", EasyMocapFolder::fit_json(made.fits[1], 1), "\"Th\":[[0.1", "\"Tx\":[[0.1", {"000001.json", "Th"});
+  refuse("output-smpl-3d/smpl/000001.json", EasyMocapFolder::fit_json(made.fits[1], 1), "[", "", {"000001.json", "JSON"});
+  refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '['), "[", "[", {"000001.json", "JSON"});
+  refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '[') + std::string(10'000, ']'), "[", "[", {"000001.json", "a fit for each"});
 }
 
 // The same subject in both layouts. Pictures went through JPEG and masks lost their soft edges on the way; all else is equal.
