@@ -48,6 +48,7 @@ Motion read_motion(const std::filesystem::path& path) {
   Motion motion;
   motion.skeleton = read_skeleton(file, where);
   if (file.contains("split")) motion.split = json_text(file["split"], where, "split");
+  if (file.contains("poses")) motion.poses = json_text(file["poses"], where, "poses");
   refuse_shape(file, where);
   const long joints = static_cast<long>(motion.skeleton.size());
   std::set<int> numbers;
@@ -82,6 +83,7 @@ Motion read_motion(const std::filesystem::path& path) {
 void write_motion(const std::filesystem::path& path, const Motion& motion) {
   nlohmann::ordered_json file;
   file["split"] = motion.split;
+  if (!motion.poses.empty()) file["poses"] = motion.poses;
   file["joint_names"] = motion.skeleton.names;
   file["parents"] = motion.skeleton.parents;
   file["units"] = "metres, radians";

@@ -31,6 +31,13 @@ nlohmann::json as_json(const glm::dmat3& matrix) {
   return rows;
 }
 
+// The name is a folder's name too.
+void check_name(const std::string& name, const std::string& where, const std::string& field) {
+  if (name.empty() || name.find('/') != std::string::npos || name[0] == '.') {
+    throw InputError(where, field, "a name that can name a folder", "'" + name + "'");
+  }
+}
+
 void check_rotation(const glm::dmat3& rotation, const std::string& where, const std::string& field) {
   const glm::dmat3 gram = glm::transpose(rotation) * rotation;
   double error = 0.0;
@@ -62,10 +69,7 @@ Camera read_camera(const nlohmann::json& entry, const std::string& where, std::s
   const std::string position = fmt::format("cameras[{}]", index);
   Camera camera;
   camera.name = json_text(json_member(entry, "name", where, position), where, position + " name");
-  // The name is a folder's name too.
-  if (camera.name.empty() || camera.name.find('/') != std::string::npos || camera.name[0] == '.') {
-    throw InputError(where, position + " name", "a name that can name a folder", "'" + camera.name + "'");
-  }
+  check_name(camera.name, where, position + " name");
   const std::string field = fmt::format("camera '{}'", camera.name);
   if (entry.contains("role")) camera.role = json_text(entry["role"], where, field + " role");
   if (camera.role == "heldout") camera.role = "test";
@@ -75,14 +79,13 @@ Camera read_camera(const nlohmann::json& entry, const std::string& where, std::s
   camera.width = json_integer(json_member(entry, "width", where, field), 1, kLargestSize, where, field + " width");
   camera.height = json_integer(json_member(entry, "height", where, field), 1, kLargestSize, where, field + " height");
   camera.K = read_matrix(json_member(entry, "K", where, field), where, field + " K");
-  check_intrinsics(camera.K, where, field + " K");
   camera.R = read_matrix(json_member(entry, "R", where, field), where, field + " R");
-  check_rotation(camera.R, where, field + " R");
   camera.T = json_vector(json_member(entry, "T", where, field), where, field + " T");
   if (entry.contains("D")) {
     const nlohmann::json& list = json_list(entry["D"], 5, where, field + " D");
     for (std::size_t i = 0; i < 5; ++i) camera.distortion[i] = json_number(list[i], where, field + " D");
   }
+  check_camera(camera, where);
   return camera;
 }
 
@@ -132,6 +135,18 @@ Camera Camera::scaled(int new_width) const {
   result.K[1][1] *= sy;
   result.K[2][1] = (K[2][1] + 0.5) * sy - 0.5;
   return result;
+}
+
+void check_camera(const Camera& camera, const std::string& where) {
+  check_name(camera.name, where, "camera");
+  const std::string field = fmt::format("camera '{}'", camera.name);
+  for (const int length : {camera.width, camera.height}) {
+    if (length < 1 || length > kLargestSize) {
+      throw InputError(where, field, fmt::format("pictures of 1 to {} pixels", kLargestSize), fmt::format("{}", length));
+    }
+  }
+  check_intrinsics(camera.K, where, field + " K");
+  check_rotation(camera.R, where, field + " R");
 }
 
 std::vector<Camera> read_cameras(const std::filesystem::path& path) {

@@ -51,6 +51,9 @@ struct Camera {
 // rotation to 1e-3 (mirrored ones included), names empty or given twice, unknown roles, no camera at all.
 std::vector<Camera> read_cameras(const std::filesystem::path& path);
 
+// What read_cameras() demands of one camera, for cameras from elsewhere. Throws InputError naming `where`.
+void check_camera(const Camera& camera, const std::string& where);
+
 // Writes the same format. Throws std::runtime_error when the disk refuses.
 void write_cameras(const std::filesystem::path& path, const std::vector<Camera>& cameras);
 

@@ -1,5 +1,6 @@
 // A capture: a folder with calibrated cameras, a skinned template, motions and pictures whose alpha is the mask:
 //   cameras.json  template.glb  motion_<split>.json  images/<split>/<camera>/<frame:06d>.png
+//   borders/<split>/<camera>/<frame:06d>.png, where masks are not to be trusted near their edges (load_border)
 #pragma once
 
 #include <cstdint>
@@ -55,6 +56,11 @@ std::vector<int> frames_with_images(const Capture& capture, const std::string& s
 // capture.cameras[camera].scaled(width). Throws InputError naming the file: missing, truncated, no alpha channel, not
 // the camera's size, or narrower than `width`.
 Image load_image(const Capture& capture, const std::string& split, std::size_t camera, int frame, int width = 0);
+
+// The pixels that training leaves out, of the same size as load_image(): those that the picture of the same name in borders/
+// marks (one channel of 8 bits, 0: to be trusted), each reduced pixel that touches one of them among them. Empty where the
+// capture has no such picture. Throws InputError naming the file: damaged, of another size or kind.
+PixelMask load_border(const Capture& capture, const std::string& split, std::size_t camera, int frame, int width = 0);
 
 // The mean of `image` over areas, `width` columns wide and as high as Camera::scaled() says; whole pixels where the
 // factor is an integer. Throws std::invalid_argument unless 1 <= width <= image.width.

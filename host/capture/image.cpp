@@ -1,40 +1,19 @@
 // The pictures of a capture: decoding, undistortion, premultiplication, reduction.
-#include <fstream>
-#include <iterator>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
 #include "host/capture/capture.h"
+#include "host/capture/picture_file.h"
+#include "host/capture/undistortion.h"
 #include "host/input_error.h"
 
 namespace arah {
 namespace {
 
-// The PNG's pixels, 8 or 16 bits, BGRA. OpenCV fills what a truncated PNG lacks with zeros and only warns, so the end
-// is checked here: a whole PNG has an empty IEND chunk.
-cv::Mat read_png(const std::filesystem::path& path) {
+// The picture's pixels, 8 or 16 bits, BGRA.
+cv::Mat read_bgra(const std::filesystem::path& path) {
   const std::string where = path.string();
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(where, "", "a picture", "no file that can be opened");
-  const std::vector<char> bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  const std::string_view content(bytes.data(), bytes.size());
-  using namespace std::string_view_literals;
-  if (!content.starts_with("\x89PNG\r\n\x1a\n"sv)) {
-    throw InputError(where, "", "a PNG picture", bytes.empty() ? "an empty file" : "something else");
-  }
-  if (content.rfind("\0\0\0\0IEND\xae\x42\x60\x82"sv) == content.npos) {
-    throw InputError(where, "", "a whole PNG picture", fmt::format("one cut off after {} bytes", bytes.size()),
-                     "Copy it again.");
-  }
-  cv::Mat picture;
-  try {
-    picture = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8U, const_cast<char*>(bytes.data())),
-                           cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception& error) {
-    throw InputError(where, "", "a PNG picture", "one that cannot be decoded: " + error.err);
-  }
-  if (picture.empty()) throw InputError(where, "", "a PNG picture", "one that cannot be decoded");
+  cv::Mat picture = read_picture_file(path, /*png_only=*/true);
   if (picture.channels() != 4 || (picture.depth() != CV_8U && picture.depth() != CV_16U)) {
     throw InputError(where, "", "red, green, blue and alpha", fmt::format("{} channels", picture.channels()),
                      "The mask is the picture's alpha channel.");
@@ -61,15 +40,8 @@ cv::Mat premultiplied(const cv::Mat& picture) {
 // The picture that a camera without distortion would have taken. Premultiplied values are interpolated, so that the
 // colour of transparent pixels does not bleed into the edge.
 cv::Mat undistorted(const cv::Mat& picture, const Camera& camera) {
-  cv::Mat map(picture.size(), CV_32FC2);
-  for (int v = 0; v < map.rows; ++v) {
-    for (int u = 0; u < map.cols; ++u) {
-      const glm::dvec2 at = camera.distort({u, v});
-      map.at<cv::Vec2f>(v, u) = cv::Vec2f(static_cast<float>(at.x), static_cast<float>(at.y));
-    }
-  }
   cv::Mat result;
-  cv::remap(picture, result, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0, 0, 0, 0));
+  cv::remap(picture, result, undistortion_map(camera), cv::noArray(), cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0, 0, 0, 0));
   return result;
 }
 
@@ -78,7 +50,7 @@ cv::Mat undistorted(const cv::Mat& picture, const Camera& camera) {
 Image load_image(const Capture& capture, const std::string& split, std::size_t camera, int frame, int width) {
   const Camera& view = capture.cameras.at(camera);
   const std::filesystem::path path = image_path(capture, split, camera, frame);
-  cv::Mat picture = read_png(path);
+  cv::Mat picture = read_bgra(path);
   if (picture.cols != view.width || picture.rows != view.height) {
     throw InputError(path.string(), "size",
                      fmt::format("{}x{}, as camera '{}' in cameras.json", view.width, view.height, view.name),
@@ -94,6 +66,36 @@ Image load_image(const Capture& capture, const std::string& split, std::size_t c
   const float* values = color.ptr<float>();
   image.rgba.assign(values, values + color.total() * 4);
   return width == 0 || width == image.width ? image : reduced(image, width);
+}
+
+PixelMask load_border(const Capture& capture, const std::string& split, std::size_t camera, int frame, int width) {
+  const Camera& view = capture.cameras.at(camera);
+  const std::filesystem::path path = capture.path / "borders" / split / view.name / image_path(capture, split, camera, frame).filename();
+  if (!std::filesystem::is_regular_file(path)) return {};
+  const cv::Mat picture = read_picture_file(path, /*png_only=*/true);
+  if (picture.type() != CV_8UC1 || picture.cols != view.width || picture.rows != view.height) {
+    throw InputError(path.string(), "size", fmt::format("{}x{}, one channel of 8 bits", view.width, view.height),
+                     fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()));
+  }
+  cv::Mat marked;
+  cv::Mat(picture != 0).convertTo(marked, CV_32F);
+  if (view.distorted()) {
+    cv::Mat straight;
+    cv::remap(marked, straight, undistortion_map(view), cv::noArray(), cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0));
+    marked = straight;
+  }
+  if (width != 0 && width != view.width) {
+    const Camera size = view.scaled(width);
+    cv::Mat small;
+    cv::resize(marked, small, cv::Size(size.width, size.height), 0.0, 0.0, cv::INTER_AREA);
+    marked = small;
+  }
+  const cv::Mat touched = marked > 0.0f;
+  PixelMask mask{touched.cols, touched.rows, {}};
+  for (int v = 0; v < touched.rows; ++v) {
+    for (int u = 0; u < touched.cols; ++u) mask.inside.push_back(touched.at<std::uint8_t>(v, u) != 0);
+  }
+  return mask;
 }
 
 Image reduced(const Image& image, int width) {

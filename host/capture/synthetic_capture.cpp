@@ -1,10 +1,8 @@
 #include "host/capture/synthetic_capture.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstring>
-#include <exception>
 #include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -13,15 +11,16 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
-#include <thread>
 #include <vector>
 
 #include "host/body/motion.h"
 #include "host/capture/camera.h"
 #include "host/capture/figure_texture.h"
+#include "host/capture/parallel_jobs.h"
 #include "host/capture/software_renderer.h"
 #include "host/capture/synthetic_figure.h"
 #include "host/capture/synthetic_motion.h"
+#include "host/capture/whole_folder.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -45,15 +44,6 @@ void check(const SyntheticSettings& settings) {
   in_range("size", settings.size, 16, 4096);
   if (settings.body_seed && !settings.rig.empty())
     throw InputError("synthetic capture", "body_seed", "0 with a rig: it varies the built-in figure", fmt::format("{}", settings.body_seed));
-}
-
-void check_replaceable(const fs::path& out) {
-  if (out.empty()) throw InputError("synthetic capture", "folder", "a name", "nothing");
-  if (!fs::exists(out)) return;
-  if (!fs::is_directory(out)) throw InputError(out.string(), "", "a folder", "a file", "Choose another name.");
-  if (fs::is_empty(out) || fs::exists(out / kMarker)) return;
-  throw InputError(out.string(), "", "an empty folder or an earlier synthetic capture", "other files",
-                   "Nothing was written; choose another name.");
 }
 
 // Looks from `eye` at `target`, +Z up.
@@ -165,30 +155,6 @@ struct Job {
   double seconds;
 };
 
-// Runs all jobs on the machine's cores. The first error stops the others and is thrown here.
-void run_jobs(std::size_t count, const std::function<void(std::size_t)>& job) {
-  std::atomic<std::size_t> next{0};
-  std::mutex error_mutex;
-  std::exception_ptr error;
-  const auto work = [&] {
-    for (std::size_t i = next++; i < count; i = next++) {
-      try {
-        job(i);
-      } catch (...) {
-        const std::lock_guard lock(error_mutex);
-        if (!error) error = std::current_exception();
-        next = count;
-      }
-    }
-  };
-  std::vector<std::jthread> threads;
-  for (std::size_t k = 1; k < std::min<std::size_t>(count, std::max(1u, std::thread::hardware_concurrency())); ++k)
-    threads.emplace_back(work);
-  work();
-  threads.clear();
-  if (error) std::rethrow_exception(error);
-}
-
 // Everything but the pictures and meshes of the frames.
 struct Scene {
   ClothedFigure figure;
@@ -235,7 +201,7 @@ void write_frame(const fs::path& folder, const Scene& scene, const Job& job, std
     write_ply(folder / "meshes" / fmt::format("{}_{:06d}.ply", motion.split, frame.number), scene.figure, surface);
 }
 
-void write_marker(const fs::path& path, const SyntheticSettings& settings) {
+std::string marker_text(const SyntheticSettings& settings) {
   nlohmann::json marker = {{"generator", "arah synth"},
                                  {"frames", settings.frames},
                                  {"size", settings.size},
@@ -243,8 +209,7 @@ void write_marker(const fs::path& path, const SyntheticSettings& settings) {
                                  {"rig", settings.rig.filename().string()},
                                  {"poses", "exact"}};
   if (settings.body_seed) marker["body_seed"] = settings.body_seed;
-  const std::string text = marker.dump(1) + "\n";
-  write_bytes(path, text.data(), text.size());
+  return marker.dump(1) + "\n";
 }
 
 void write_contents(const fs::path& folder, const Scene& scene, const SyntheticSettings& settings,
@@ -273,28 +238,12 @@ void write_contents(const fs::path& folder, const Scene& scene, const SyntheticS
 void write_synthetic_capture(const fs::path& out, const SyntheticSettings& settings,
                              const SyntheticProgress& progress) {
   check(settings);
-  check_replaceable(out);
-  // `out` may end in a slash, which would put the partial folder inside it.
-  const fs::path normal = fs::absolute(out).lexically_normal();
-  const fs::path folder = normal.has_filename() ? normal : normal.parent_path();
-  fs::path partial = folder;
-  partial += ".partial";
-  check_replaceable(partial);
-
+  WholeFolder folder(out, kMarker, "synthetic capture");
   if (progress) progress(0.0, "building the figure");
   const Scene scene = make_scene(settings);
-  fs::remove_all(partial);
-  fs::create_directories(partial);
-  try {
-    write_marker(partial / kMarker, settings);  // first, so that what a killed run leaves is recognised and replaced
-    write_contents(partial, scene, settings, progress);
-  } catch (...) {
-    std::error_code ignored;
-    fs::remove_all(partial, ignored);
-    throw;
-  }
-  fs::remove_all(folder);
-  fs::rename(partial, folder);
+  folder.start(marker_text(settings));
+  write_contents(folder.partial(), scene, settings, progress);
+  folder.finish();
 }
 
 }  // namespace arah

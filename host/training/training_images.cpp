@@ -89,6 +89,7 @@ const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finde
   TrainingImage& image = slot->second;
   if (!made) return image;
   const Image picture = load_image(capture_, "train", place.camera, frame_number(place.frame), size_);
+  const PixelMask border = load_border(capture_, "train", place.camera, frame_number(place.frame), size_);
   FrameOnDevice& frame_here = frame(place.frame);
   {
     const InShape of_shell(avatar_.body, shell_shapes_[place.frame]);
@@ -102,7 +103,7 @@ const TrainingImage& TrainingImages::image(Commands& commands, RaySamples& finde
     finder.set_pixels(commands, frame_here, cameras_[place.camera], {pixels.begin() + static_cast<ptrdiff_t>(first), pixels.begin() + static_cast<ptrdiff_t>(first + count)});
     const std::vector<uint32_t> drawn = finder.drawn_from(static_cast<uint32_t>(count));
     for (size_t i = 0; i < count; ++i) {
-      if (drawn[i] == 0) continue;
+      if (drawn[i] == 0 || (!border.inside.empty() && border.inside[first + i])) continue;
       const float* rgba = &picture.rgba[4 * (first + i)];
       const bool person = rgba[3] >= 0.5f;
       (person ? image.person : image.around).push_back({pixels[first + i], {rgba[0], rgba[1], rgba[2], person ? 1.0f : 0.0f}});

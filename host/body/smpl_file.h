@@ -1,0 +1,28 @@
+// Bodies of the SMPL family from the files that their users hold: SMPL, SMPL-H and SMPL-X as .npz, or as .pkl through the
+// restricted reader. None is shipped with the program.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/body/body_template.h"
+
+namespace arah {
+
+struct SmplBody {
+  BodyTemplate body;               // with SMPL's joint names; `glb` holds the file to write
+  std::vector<std::string> notes;  // what the rig cannot hold of the model, in sentences
+};
+
+// Whether the file's name says that it is such a file (.npz, .pkl).
+bool is_smpl_file(const std::filesystem::path& path);
+
+// The model in the shape `betas` (the first coefficients; all others are 0): vertices v_template + shapedirs betas, joints
+// J_regressor times these, each vertex's four largest weights, made to sum to 1. Pose blend shapes (posedirs) are left out:
+// a rig here moves by linear skinning alone. Throws InputError naming file and field: missing or of other shapes than the
+// family's, numbers that are not finite, more betas than the file has, faces or weights that make no rig.
+SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const double> betas = {});
+
+}  // namespace arah

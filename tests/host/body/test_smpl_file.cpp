@@ -1,0 +1,99 @@
+// Bodies of the SMPL family become rigs: shape, joints and weights of small files in the same formats, which the test
+// writes itself.
+#include "host/body/smpl_file.h"
+
+#include <glm/geometric.hpp>
+
+#include "host/body/pose.h"
+#include "tests/host/body/rigs.h"
+#include "tests/host/body/small_smpl.h"
+
+namespace arah {
+namespace {
+
+TEST(SmplFile, GivesTheSameRigFromArchivesAndPickles) {
+  const TemporaryFolder folder;
+  const SmallModel model;
+  const std::vector<double> betas{0.5, -0.2, 0.0, 0.0};
+  const std::filesystem::path files[] = {folder.write("a.npz", model.npz(false)), folder.write("b.npz", model.npz(true)), folder.write("c.pkl", model.pickle()),
+                                         folder.write("d.pkl", model.pickle(true))};
+  for (const auto& path : files) {
+    SCOPED_TRACE(path.string());
+    ASSERT_TRUE(is_smpl_file(path));
+    const BodyTemplate plain = read_smpl_body(path).body;
+    const SmplBody read = read_smpl_body(path, betas);
+    const BodyTemplate& body = read.body;
+    ASSERT_EQ(body.vertices.size(), 48u);
+    EXPECT_EQ(body.skeleton.names[16], "left_shoulder");
+    EXPECT_EQ(body.skeleton.parents, (std::vector<int>{-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21}));
+    for (std::size_t v = 0; v < body.vertices.size(); ++v) {
+      const double x = 0.05 * static_cast<double>(v);
+      const glm::vec3 rest(static_cast<float>(x), v % 2 ? 1.2f : 1.0f, static_cast<float>(0.01 * x * x));
+      EXPECT_LT(glm::length(plain.vertices[v] - rest), 1e-6f);
+      // shapedirs[v] is [[0.1, 0], [0, x], [0, 0.3]]
+      EXPECT_LT(glm::length(body.vertices[v] - rest - glm::vec3(0.05, -0.2 * x, -0.06)), 1e-6f);
+      EXPECT_NEAR(glm::length(body.normals[v]), 1.0, 1e-5);
+    }
+    for (std::size_t j = 0; j < 24; ++j) EXPECT_LT(glm::length(glm::vec3(body.skeleton.rest_joints[j]) - body.vertices[2 * j]), 1e-6f);
+    EXPECT_LT(glm::length(body.weights[0] - glm::vec4(0.3, 0.25, 0.2, 0.15) / 0.9f), 1e-6f);
+    EXPECT_EQ(body.joints[0], glm::u8vec4(0, 1, 2, 3));
+    EXPECT_EQ(body.joints[47][0], 23);
+    EXPECT_EQ(read.notes.size(), path.extension() == ".npz" ? 2u : 1u);
+    EXPECT_THAT(read.notes[0], testing::HasSubstr("1 of 48 vertices have more than four joints: the smallest weights are left out, 10.00 %"));
+    // What it writes is a body like any other.
+    write_body_template(folder / "body.glb", body);
+    EXPECT_EQ(read_body_template(folder / "body.glb").vertices, body.vertices);
+  }
+}
+
+TEST(SmplFile, KnowsHandsAndFaces) {
+  const TemporaryFolder folder;
+  for (const std::size_t joints : {52u, 55u}) {
+    const BodyTemplate body = read_smpl_body(folder.write("a.npz", SmallModel(joints).npz(true))).body;
+    const auto parent = [&](const char* name) { return body.skeleton.names[static_cast<std::size_t>(body.skeleton.parents[static_cast<std::size_t>(find_joint(body.skeleton, name))])]; };
+    EXPECT_EQ(body.skeleton.size(), joints);
+    EXPECT_EQ(parent("left_index1"), "left_wrist");
+    EXPECT_EQ(parent("left_index2"), "left_index1");
+    EXPECT_EQ(parent("right_thumb1"), "right_wrist");
+    EXPECT_EQ(parent("right_thumb3"), "right_thumb2");
+    if (joints == 55) {
+      EXPECT_EQ(parent("jaw"), "head");
+    }
+  }
+}
+
+TEST(SmplFile, RefusesWhatIsNoBody) {
+  const TemporaryFolder folder;
+  const auto refuse = [&](const std::function<void(SmallModel&)>& spoil, const std::vector<std::string>& parts, std::vector<double> betas = {}) {
+    for (const bool pickled : {false, true}) {
+      SmallModel model;
+      spoil(model);
+      const auto path = pickled ? folder.write("bad.pkl", model.pickle()) : folder.write("bad.npz", model.npz(true));
+      expect_input_error([&] { read_smpl_body(path, betas); }, parts);
+    }
+  };
+  refuse([](SmallModel& m) { m.faces[4] = 48; }, {"bad.", "f: expected vertices below 48, found 48 in face 1"});
+  refuse([](SmallModel& m) { m.weights[30] = -0.1; }, {"weights of 0 and more", "vertex 1"});
+  refuse([](SmallModel& m) { m.weights[24] = 0; }, {"none at vertex 1"});
+  refuse([](SmallModel& m) { m.weights[24] = std::nan(""); }, {"weights: expected finite"});
+  refuse([](SmallModel& m) { m.rest[3] = INFINITY; }, {"v_template: expected finite"});
+  refuse([](SmallModel& m) { m.directions[7] = INFINITY; }, {"shapedirs: expected finite"}, {0.1, 0.1});
+  refuse([](SmallModel&) {}, {"shapedirs: expected a direction for each of 3 betas, found 2"}, {0, 0, 1});
+  refuse([](SmallModel& m) { m.tree[5] = 30; }, {"kintree_table: expected parents below 24, found 30"});
+  refuse([](SmallModel& m) { m.tree[5] = 9; }, {"a parent that comes before it"});
+  SmallModel model;
+  std::string pickled = model.pickle();
+  const std::string indices = python::raw<std::int32_t>({0, 1, 2, 3, 4});
+  pickled.replace(pickled.find(indices), 4, python::raw<std::int32_t>({24}));
+  expect_input_error([&] { read_smpl_body(folder.write("bad.pkl", pickled)); }, {"J_regressor indices: expected 0 to 23, found 24"});
+  const std::string starts = python::raw<std::int32_t>({0, 1, 1, 2, 2});
+  pickled = model.pickle();
+  pickled.replace(pickled.find(starts) + 4, 4, python::raw<std::int32_t>({900}));
+  expect_input_error([&] { read_smpl_body(folder.write("bad.pkl", pickled)); }, {"J_regressor indptr"});
+  expect_input_error([&] { read_smpl_body(folder.write("bad.npz", python::npz({{"v_template", python::npy({2}, {1, 2})}}))); }, {"v_template", "an array of Nx3 numbers"});
+  expect_input_error([&] { read_smpl_body(folder.write("bad.npz", python::npz({{"poses", python::npy({2}, {1, 2})}}))); }, {"v_template: expected this array, found none"});
+  expect_input_error([&] { smpl_joint_names(16, "mano.pkl"); }, {"mano.pkl", "24 (SMPL)", "16"});
+}
+
+}  // namespace
+}  // namespace arah
