@@ -62,6 +62,12 @@ TEST(ChooseSpec, RefinesPosesThatAreStatedToBeEstimates) {
   const SpecChoice estimates = choose_spec("tiny", estimated), exact = choose_spec("tiny", kHome), unknown = choose_spec("tiny", kStudio), still = choose_spec("tiny", {12, 9, 24, true, false});
   EXPECT_TRUE(estimates.pose_refinement);
   EXPECT_THAT(estimates.reasons, Contains("pose refinement: on, because the capture states that its poses are estimates"));
+  EXPECT_FALSE(estimates.shape_refinement);
+  EXPECT_THAT(estimates.reasons, Contains("shape refinement: off, because no morph target of the template moves its joints"));
+  estimated.shape_moves_joints = true;
+  EXPECT_TRUE(choose_spec("tiny", estimated).shape_refinement);
+  estimated.estimated_poses = false;
+  EXPECT_FALSE(choose_spec("tiny", estimated).shape_refinement);
   EXPECT_FALSE(exact.pose_refinement);
   EXPECT_FALSE(unknown.pose_refinement);
   EXPECT_THAT(unknown.reasons, Contains(HasSubstr("--set pose_refinement=true")));
