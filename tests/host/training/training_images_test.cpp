@@ -18,7 +18,7 @@ using TrainingImagesTest = DeviceTest;
 TEST_F(TrainingImagesTest, BordersAreLeftOut) {
   const Capture& plain = small_capture();
   const TrainingSettings settings = small_settings();
-  const Avatar avatar = make_avatar(small_spec(), plain, 3);
+  Avatar avatar = make_avatar(small_spec(), plain, 3);
   AvatarNetworks networks(device, avatar, true);
   RaySamples finder(device, networks, 64, settings.sampling);
   const auto pixels = [&](const Capture& capture) {
