@@ -3,37 +3,11 @@
 #include <stdexcept>
 
 #include "host/body/body_template.h"
-#include "host/body/gltf.h"
+#include "host/body/gltf_append.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
 
 namespace arah {
-namespace {
-
-// Appends an array as a buffer view and an accessor of their own; returns the accessor's index.
-template <typename T>
-int append(tinygltf::Model* model, const std::vector<T>& values, int target, int component_type, int type,
-           std::size_t elements) {
-  std::vector<unsigned char>& buffer = model->buffers[0].data;
-  buffer.resize((buffer.size() + 3) / 4 * 4);  // glTF: accessors are aligned to their component size
-  tinygltf::BufferView view;
-  view.buffer = 0;
-  view.byteOffset = buffer.size();
-  view.byteLength = values.size() * sizeof(T);
-  view.target = target;
-  const auto* bytes = reinterpret_cast<const unsigned char*>(values.data());
-  buffer.insert(buffer.end(), bytes, bytes + view.byteLength);
-  tinygltf::Accessor accessor;
-  accessor.bufferView = static_cast<int>(model->bufferViews.size());
-  accessor.componentType = component_type;
-  accessor.type = type;
-  accessor.count = elements;
-  model->bufferViews.push_back(view);
-  model->accessors.push_back(accessor);
-  return static_cast<int>(model->accessors.size()) - 1;
-}
-
-}  // namespace
 
 std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
   const std::size_t count = body.vertices.size();

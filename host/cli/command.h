@@ -24,6 +24,7 @@ void add_curve_command(CLI::App& program, Run& run);
 void add_demo_command(CLI::App& program, Run& run);
 void add_devices_command(CLI::App& program, Run& run);
 void add_evaluate_command(CLI::App& program, Run& run);
+void add_export_command(CLI::App& program, Run& run);
 void add_inspect_command(CLI::App& program, Run& run);
 void add_pretrain_command(CLI::App& program, Run& run);
 void add_render_command(CLI::App& program, Run& run);

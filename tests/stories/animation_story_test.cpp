@@ -1,4 +1,4 @@
-// An avatar in motion, as a user asks for it: a video and a folder of pictures, interrupted and gone on with.
+// An avatar in motion and for other programs, as a user asks for it: videos and pictures, interrupted and gone on with; exports.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "host/capture/camera.h"
+#include "tests/host/body/glb_reader.h"
 #include "tests/host/body/rigs.h"
 #include "tests/stories/program.h"
 
@@ -138,6 +139,43 @@ TEST_F(AnimationStory, FollowsAMotionFromACamera) {
     return count;
   };
   EXPECT_LT(covered("000001.png"), 0.9 * covered("000000.png")) << "the camera went back by half a metre";
+}
+
+TEST_F(AnimationStory, LeavesForOtherPrograms) {
+  const Outcome exported = arah({"export", at("run"), "-o", at("person.glb"), "--capture", at("capture"), "--cell", "0.03", "--texture-size", "256", "--fps", "10"});
+  ASSERT_EQ(exported.code, 0) << exported.errors;
+  EXPECT_THAT(exported.output, HasSubstr("beyond the fourth"));
+  const std::string bytes = read_all(at("person.glb"));
+  const GlbReader file({bytes.begin(), bytes.end()});
+  EXPECT_THAT(file.complaints(), testing::IsEmpty());
+  EXPECT_EQ(file.json["animations"][0]["name"], "train");
+  EXPECT_EQ(file.json["images"].size(), 1u);
+  // At rest and in motion the person stands upright in the file, some 1.7 m tall.
+  for (const std::optional<double> seconds : {std::optional<double>(), std::optional(0.2)}) {
+    glm::dvec3 low(10.0), high(-10.0);
+    for (const glm::dvec3& p : file.posed(seconds)) low = glm::min(low, p), high = glm::max(high, p);
+    EXPECT_GT(high.y - low.y, 1.4);
+    EXPECT_LT(high.y - low.y, 2.4);
+    EXPECT_LT(high.z - low.z, 1.3);
+  }
+  if (const auto report = khronos_report(at("person.glb"))) EXPECT_EQ((*report)["issues"]["numErrors"], 0) << (*report)["issues"].dump(1);
+  else std::printf("  not validated: neither gltf_validator nor node's package gltf-validator is installed\n");
+
+  const Outcome meshes = arah({"export", at("run"), "-o", at("meshes"), "--format", "ply", "--capture", at("capture"), "--every", "3", "--cell", "0.03"});
+  ASSERT_EQ(meshes.code, 0) << meshes.errors;
+  for (const char* name : {"meshes/000000.ply", "meshes/000003.ply"}) EXPECT_THAT(read_all(at(name)), AllOf(testing::StartsWith("ply\n"), HasSubstr("property uchar red"), HasSubstr("element face")));
+  const Outcome object = arah({"export", at("run"), "-o", at("rest.obj"), "--cell", "0.03", "--colors", "none"});
+  ASSERT_EQ(object.code, 0) << object.errors;
+  EXPECT_THAT(read_all(at("rest.obj")), HasSubstr("\nf "));
+  const Outcome cloud = arah({"export", at("run"), "-o", at("cloud.ply"), "--cell", "0.03", "--points", "1234"});
+  ASSERT_EQ(cloud.code, 0) << cloud.errors;
+  EXPECT_THAT(read_all(at("cloud.ply")), AllOf(HasSubstr("element vertex 1234\n"), testing::Not(HasSubstr("element face"))));
+
+  expect_refused({"export", at("run"), "-o", at("no.stl")}, "'.stl'");
+  expect_refused({"export", at("run"), "-o", at("no.glb"), "--points", "5"}, "--points");
+  expect_refused({"export", at("run"), "-o", at("no.obj"), "--colors", "texture"}, "Textures go into a .glb");
+  expect_refused({"export", at("run"), "-o", at("no.ply"), "--capture", at("capture")}, "--frame");
+  expect_refused({"export", at("run"), "-o", at("no.glb"), "--code", "99"}, "--code");
 }
 
 TEST_F(AnimationStory, SaysWhatIsWrongWithTheCall) {
