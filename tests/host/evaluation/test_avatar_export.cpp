@@ -6,6 +6,7 @@
 #include "host/evaluation/avatar_export.h"
 #include "host/input_error.h"
 #include "tests/host/body/rigs.h"
+#include "tests/host/evaluation/blender.h"
 #include "tests/host/evaluation/glb_picture.h"
 #include "tests/host/rendering/capsule_scene.h"
 
@@ -92,6 +93,39 @@ TEST_F(AvatarExport, StandsUprightInTheFile) {
   for (size_t v = 0; v < found.size(); ++v) worst = std::max(worst, glm::distance(z_up(found[v]), glm::dvec3(expected[v])));
   std::printf("  vertices off SurfaceMesh::posed() by %.1e m at most\n", worst);
   EXPECT_LT(worst, 2e-6);
+}
+
+// Blender's own skinning and animation, against our renderer on ten poses.
+TEST_F(AvatarExport, HasTheSameSilhouetteInBlender) {
+  const Avatar avatar = sharp_capsule();
+  const std::vector<ExportedFrame> frames = ten_frames(avatar.body.skeleton);
+  MeshExtraction extraction(device, avatar, 0.01);
+  ModelSettings settings;
+  settings.animated = settings.outlined = settings.z_up = true;
+  settings.frames_per_second = 24;
+  settings.texture_size = 256;
+  ModelReport report;
+  const std::vector<std::uint8_t> bytes = skinned_glb(skinned_model(extraction, avatar, frames, settings, report));
+  const TemporaryFolder folder;
+  const auto meshes = blender_meshes(folder.write("capsule.glb", {bytes.begin(), bytes.end()}), 10, folder.path());
+  if (!meshes) GTEST_SKIP() << "there is no blender on the PATH";
+  const GlbReader file(bytes);
+  Renderer renderer(device, avatar, render_preset(avatar, "paper"));
+  const Camera camera = capsule_camera(120, 140);
+  double least = 1, apart = 0;
+  for (size_t f = 0; f < frames.size(); ++f) {
+    const BlenderMesh& mesh = (*meshes)[f];
+    const std::vector<glm::dvec3> read = file.posed(double(f) / 24);
+    ASSERT_EQ(mesh.vertices.size(), read.size());
+    for (size_t v = 0; v < read.size(); ++v) apart = std::max(apart, glm::distance(glm::dvec3(mesh.vertices[v]), z_up(read[v])));
+    const std::vector<VisiblePlace> places = visible_places(camera, mesh.vertices, mesh.triangles);
+    GlbPicture picture{std::vector<bool>(places.size()), std::vector<glm::dvec3>(places.size(), glm::dvec3(0.0))};
+    for (size_t i = 0; i < places.size(); ++i) picture.covered[i] = places[i].triangle != VisiblePlace::no_triangle;
+    least = std::min(least, likeness(picture, renderer.render(camera, frames[f].pose, frames[f].latent_row)).overlap);
+  }
+  std::printf("  Blender: overlap at least %.4f, vertices within %.1e m of our own reader's\n", least, apart);
+  EXPECT_GT(least, 0.98);
+  EXPECT_LT(apart, 1e-4);
 }
 
 // Other kinds of skinning: the template's weights, and none at all, which gives a mesh that stands.
