@@ -5,10 +5,11 @@
 #include <algorithm>
 #include <glm/geometric.hpp>
 #include <glm/mat3x3.hpp>
-#include <numbers>
+#include <optional>
 #include <stdexcept>
 
 #include "host/evaluation/picture.h"
+#include "host/evaluation/shape_correctives.h"
 #include "host/evaluation/texture_atlas.h"
 
 namespace arah {
@@ -17,11 +18,11 @@ namespace {
 constexpr std::size_t texels_at_a_time = 65536;
 
 // A world with z up in one with y up.
-const glm::dmat3 upright(1, 0, 0, 0, 0, -1, 0, 1, 0);
+const glm::dmat3 z_up_to_y_up(1, 0, 0, 0, 0, -1, 0, 1, 0);
 
 Pose turned_upright(Pose pose) {
-  pose.theta[0] = axis_angle_from_rotation(upright * rotation_from_axis_angle(pose.theta[0]));
-  pose.root_position = upright * pose.root_position;
+  pose.theta[0] = axis_angle_from_rotation(z_up_to_y_up * rotation_from_axis_angle(pose.theta[0]));
+  pose.root_position = z_up_to_y_up * pose.root_position;
   return pose;
 }
 
@@ -81,6 +82,22 @@ void bind(SkinnedModel& model, const Avatar& avatar, const SurfaceMesh& mesh, co
   }
 }
 
+// What the frames' shapes differ by from the first one's.
+void add_correctives(SkinnedModel& model, MeshExtraction& extraction, const SurfaceMesh& mesh, const std::vector<ExportedFrame>& frames, std::size_t most, ModelReport& report) {
+  std::vector<Pose> poses;
+  std::vector<std::size_t> rows;
+  for (const ExportedFrame& frame : frames) poses.push_back(frame.pose), rows.push_back(frame.latent_row);
+  ShapeCorrectives found = shape_correctives(extraction, mesh, poses, rows, most);
+  for (const std::vector<double>& displacement : found.displacements) {
+    model.correctives.push_back({fmt::format("shape_{}", model.correctives.size()), {}});
+    for (std::size_t v = 0; v < displacement.size(); ++v) model.correctives.back().offsets.emplace_back(displacement[v] * mesh.normals()[v]);
+  }
+  if (!found.displacements.empty()) model.corrective_weights = std::move(found.weights);
+  report.correctives = model.correctives.size();
+  report.mean_left = found.mean_left;
+  report.most_left = found.most_left;
+}
+
 template <typename Value>
 std::vector<Value> copied(const std::vector<Value>& values, const std::vector<std::uint32_t>& which) {
   std::vector<Value> copies;
@@ -123,20 +140,25 @@ SkinnedModel skinned_model(MeshExtraction& extraction, const Avatar& avatar, con
     for (glm::vec3& v : model.vertices) v += root;
     if (settings.z_up)
       for (std::vector<glm::vec3>* vectors : {&model.vertices, &model.normals})
-        for (glm::vec3& v : *vectors) v = glm::mat3(upright) * v;
+        for (glm::vec3& v : *vectors) v = glm::mat3(z_up_to_y_up) * v;
   }
   if (settings.colors == MeshColors::vertex) model.colors = extraction.colors(colored_places(extraction, mesh), in_floats(mesh.normals()), mesh.vertex_transforms(first.pose));
+  std::optional<TextureAtlas> atlas;
   if (settings.colors == MeshColors::texture) {
-    const TextureAtlas atlas = make_texture_atlas(mesh.canonical(), settings.texture_size);
-    model.texture_png = baked_texture(extraction, mesh, atlas, first.pose, progress);
-    model.vertices = copied(model.vertices, atlas.vertices);
-    model.normals = copied(model.normals, atlas.vertices);
-    model.joints = copied(model.joints, atlas.vertices);
-    model.weights = copied(model.weights, atlas.vertices);
-    model.triangles = atlas.triangles;
-    model.uvs = atlas.uvs;
-    report.charts = atlas.charts;
-    report.texel = 1 / atlas.texels_per_metre;
+    atlas = make_texture_atlas(mesh.canonical(), settings.texture_size);
+    model.texture_png = baked_texture(extraction, mesh, *atlas, first.pose, progress);
+  }
+  if (moves && settings.animated && extraction.shape_follows_frames()) add_correctives(model, extraction, mesh, frames, settings.most_correctives, report);
+  if (atlas) {
+    model.vertices = copied(model.vertices, atlas->vertices);
+    model.normals = copied(model.normals, atlas->vertices);
+    model.joints = copied(model.joints, atlas->vertices);
+    model.weights = copied(model.weights, atlas->vertices);
+    for (SkinnedModel::Corrective& corrective : model.correctives) corrective.offsets = copied(corrective.offsets, atlas->vertices);
+    model.triangles = atlas->triangles;
+    model.uvs = atlas->uvs;
+    report.charts = atlas->charts;
+    report.texel = 1 / atlas->texels_per_metre;
   }
   report.vertices = model.vertices.size();
   report.triangles = model.triangles.size();
@@ -146,6 +168,7 @@ SkinnedModel skinned_model(MeshExtraction& extraction, const Avatar& avatar, con
 std::string describe(const ModelReport& report) {
   std::string text = fmt::format("{} triangles, {} vertices", report.triangles, report.vertices);
   if (report.charts) text += fmt::format("; texture: {} charts, {:.1f} mm a texel", report.charts, 1000 * report.texel);
+  if (report.correctives) text += fmt::format("; {} morph targets, which leave {:.2f} mm of the frames' shapes in the mean, {:.1f} mm at most", report.correctives, 1000 * report.mean_left, 1000 * report.most_left);
   if (report.mean_outline > 0) text += fmt::format("; {:.1f} mm outside of the surface in the mean, where renderings have their outline", 1000 * report.mean_outline);
   return text + fmt::format("; influences beyond the fourth: {:.3f} % of a vertex's weight in the mean, {:.2f} % at most, which moves it by {:.3f} mm in the mean, {:.2f} mm at most", 100 * report.mean_lost,
                             100 * report.most_lost, 1000 * report.mean_moved, 1000 * report.most_moved);

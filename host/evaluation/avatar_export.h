@@ -27,6 +27,7 @@ struct ModelSettings {
   bool animated = false;  // with the frames as its animation; else the first one only decides code and pose
   // Vertices move to where rendering shows the outline (MeshExtraction::outlines).
   bool outlined = false;
+  std::size_t most_correctives = 8;  // morph targets of an animation, where the shape follows the frames
   bool z_up = false;      // the frames' world; the file's is y-up
   double frames_per_second = 25;
 };
@@ -35,13 +36,16 @@ struct ModelSettings {
 struct ModelReport {
   std::size_t vertices = 0, triangles = 0, charts = 0;
   double texel = 0;                      // metres, its edge where the surface faces its chart's way
+  std::size_t correctives = 0;
+  double mean_left = 0, most_left = 0;   // metres that frames' shapes are off the file's, beside skinning
   double mean_outline = 0;               // metres that vertices moved out for `outlined`
   double mean_lost = 0, most_lost = 0;   // weight of influences beyond the fourth
   double mean_moved = 0, most_moved = 0; // what that moves vertices by, metres, over the frames
 };
 
 // The mesh in the canonical pose, bound there: so that the file's skin, which blends as ours does, gives what the
-// avatar gives (docs/decisions/export.md). Colours are those of the first frame's code and pose.
+// avatar gives (docs/decisions/export.md). A shape that follows pose or code is that of the first frame, and of an animation's other
+// frames by morph targets (shape_correctives.h). Colours are those of the first frame's code and pose.
 // frames: at least one; of `animated` all are key frames. An avatar without skinning is a mesh that stands in its pose.
 SkinnedModel skinned_model(MeshExtraction& extraction, const Avatar& avatar, const std::vector<ExportedFrame>& frames, const ModelSettings& settings, ModelReport& report,
                            const std::function<void(double)>& progress = {});

@@ -1,6 +1,7 @@
 #include "host/evaluation/mesh_extraction.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
@@ -27,7 +28,9 @@ MeshExtraction::MeshExtraction(Device& device, const Avatar& avatar, double cell
 
 const SurfaceMesh& MeshExtraction::mesh(const Pose& pose, std::size_t latent_row) {
   const bool new_pose = !frame_ || !(pose_ == pose), new_row = !mesh_ || row_ != latent_row;
-  if (!new_pose && !new_row) return *mesh_;
+  if (packed_ && !new_pose && !new_row) return *mesh_;
+  packed_ = true;
+  shapes_frame_.reset();
   networks_.record_pack(commands_, latent_row, pose_input(avatar_, pose));
   commands_.submit_and_wait();
   if (new_pose) frame_.emplace(device_, avatar_, body_, pose, ShellSettings{});
@@ -45,6 +48,35 @@ const SurfaceMesh& MeshExtraction::mesh(const Pose& pose, std::size_t latent_row
 std::vector<glm::vec3> MeshExtraction::colors(std::span<const glm::vec3> points, std::span<const glm::vec3> normals, std::span<const glm::mat4> transforms) {
   if (!colors_) colors_.emplace(device_, networks_);
   return colors_->at(commands_, frame_->constants(), points, normals, transforms);
+}
+
+bool MeshExtraction::shape_follows_frames() const { return avatar_.spec.sdf.conditioning != SdfConditioning::none || avatar_.spec.sdf.pose != PoseConditioning::none; }
+
+std::vector<double> MeshExtraction::distances(const Pose& pose, std::size_t latent_row, std::span<const glm::dvec3> points) {
+  if (!(shapes_frame_ == std::pair(latent_row, pose.theta))) {
+    networks_.record_pack(commands_, latent_row, pose_input(avatar_, pose));
+    commands_.submit_and_wait();
+    if (!frame_) frame_.emplace(device_, avatar_, body_, pose, ShellSettings{});  // any pose's constants: the cube's are read
+    shapes_frame_ = {latent_row, pose.theta};
+    packed_ = false;
+  }
+  if (!points_.bytes()) points_ = Buffer(device_, "mesh extraction: points", distances_at_a_time * 16ull, BufferPlace::device);
+  const double metres = avatar_.cube.metres_per_unit();
+  std::vector<double> result;
+  for (size_t first = 0; first < points.size(); first += distances_at_a_time) {
+    const auto count = static_cast<uint32_t>(std::min<size_t>(distances_at_a_time, points.size() - first));
+    std::vector<std::array<float, 4>> some(padded_points(count), {0, 0, 0, 0});
+    for (uint32_t i = 0; i < count; ++i) {
+      const glm::vec3 p(points[first + i]);
+      some[i] = {p.x, p.y, p.z, 1};
+    }
+    device_.upload(points_.slice(), some);
+    const Matrix answer = field_.record_distances(commands_, frame_->constants(), points_.slice(), count, false);
+    commands_.submit_and_wait();
+    const std::vector<float> values = device_.download<float>(answer.slice.elements(0, uint64_t(count) * answer.stride));
+    for (uint32_t i = 0; i < count; ++i) result.push_back(metres * double{values[size_t(i) * answer.stride + answer.column]});
+  }
+  return result;
 }
 
 std::vector<double> MeshExtraction::outlines() const {

@@ -5,6 +5,7 @@
 #include <glm/vec3.hpp>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "host/rendering/baked_distances.h"
@@ -23,6 +24,11 @@ class MeshExtraction {
   // Of a pose and a row of codes; stays until the next call, and is made anew only where the SDF follows what has changed.
   const SurfaceMesh& mesh(const Pose& pose, std::size_t latent_row);
   // The field's colours at canonical points of the last mesh() (SurfaceColors::at), for its pose and code.
+  // Signed distances of canonical points in another frame, metres: whatever the shape of that pose and code. Ends what the last
+  // mesh() stood for, except the mesh itself.
+  std::vector<double> distances(const Pose& pose, std::size_t latent_row, std::span<const glm::dvec3> points);
+  // Whether frames differ in shape beyond skinning.
+  bool shape_follows_frames() const;
   // How much farther out than the last mesh's each vertex must lie for the outline that rendering shows where it is seen from the
   // side, metres: a ray that passes a cylinder of radius R at the distance d meets the density e^(−s/b) / 2b at s ≈ d + t² / 2R, in
   // all τ = √(2πRb) e^(−d/b) / 2b, and alpha is ½ where τ is ln 2. So d = b ln(τ₀ / ln 2), with τ₀ the optical depth along the tangent
@@ -43,8 +49,11 @@ class MeshExtraction {
   std::optional<FrameOnDevice> frame_;
   std::optional<SurfaceMesh> mesh_;
   std::optional<SurfaceColors> colors_;
+  Buffer points_;  // of distances()
   Pose pose_;
   std::size_t row_ = 0;
+  bool packed_ = false;  // the networks' weights are of pose_ and row_
+  std::optional<std::pair<std::size_t, std::vector<glm::dvec3>>> shapes_frame_;  // else of these
 };
 
 }  // namespace arah

@@ -16,9 +16,9 @@
 namespace arah {
 namespace {
 
-constexpr std::uint32_t none = 0xffffffff;
-constexpr int margin = 3;            // texels around each chart: two bilinear footprints, and one more for half-size versions
-constexpr double reach = 1.5;        // texels: colours beyond a chart's edge that filters read
+constexpr std::uint32_t no_triangle = 0xffffffff;
+constexpr int chart_margin = 3;            // texels around each chart: two bilinear footprints, and one more for half-size versions
+constexpr double edge_reach = 1.5;        // texels: colours beyond a chart's edge that filters read
 constexpr int label_rounds = 4;
 constexpr double least_facing = 0.35;  // cosine: what a triangle may be turned from the way of its chart to even out borders
 constexpr double well_filled = 0.6, small_chart = 0.05;  // of a chart's box by its triangles; metres
@@ -53,7 +53,7 @@ std::vector<std::array<std::uint32_t, 3>> edge_neighbours(const TriangleMesh& me
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t)
     for (int k = 0; k < 3; ++k) {
       const auto found = owner.find({edge(t, k).second, edge(t, k).first});
-      neighbours[t][static_cast<std::size_t>(k)] = found == owner.end() ? none : found->second;
+      neighbours[t][static_cast<std::size_t>(k)] = found == owner.end() ? no_triangle : found->second;
     }
   return neighbours;
 }
@@ -81,7 +81,7 @@ std::vector<int> ways(const TriangleMesh& mesh, const std::vector<std::array<std
     for (std::size_t t = 0; t < labels.size(); ++t) {
       std::array<int, 6> count{};
       for (const std::uint32_t n : neighbours[t])
-        if (n != none) ++count[static_cast<std::size_t>(before[n])];
+        if (n != no_triangle) ++count[static_cast<std::size_t>(before[n])];
       const auto most = static_cast<int>(std::max_element(count.begin(), count.end()) - count.begin());
       if (most != before[t] && count[static_cast<std::size_t>(most)] >= 2 && facing(normals[t], most) > least_facing) labels[t] = most;
     }
@@ -160,7 +160,7 @@ std::vector<Chart> connected_charts(const TriangleMesh& mesh, const std::vector<
       occupied.insert(inside.begin(), inside.end());
       chart.triangles.push_back(t);
       for (const std::uint32_t n : neighbours[t])
-        if (n != none && !taken[n] && labels[n] == chart.way) taken[n] = true, queue.push_back(n);
+        if (n != no_triangle && !taken[n] && labels[n] == chart.way) taken[n] = true, queue.push_back(n);
     }
     for (const std::uint32_t t : over) taken[t] = false;  // all after the seed: they become seeds in turn
     charts.push_back(std::move(chart));
@@ -224,7 +224,7 @@ void add_filled(const TriangleMesh& mesh, Chart chart, std::vector<Chart>& fille
 
 glm::ivec2 box_texels(const Chart& chart, double scale) {
   const glm::dvec2 box = scale * (chart.high - chart.low);
-  return glm::ivec2(static_cast<int>(std::ceil(box.x)), static_cast<int>(std::ceil(box.y))) + 2 * margin + 1;
+  return glm::ivec2(static_cast<int>(std::ceil(box.x)), static_cast<int>(std::ceil(box.y))) + 2 * chart_margin + 1;
 }
 
 // Rows of charts, the highest first; whether all fit.
@@ -268,11 +268,11 @@ TextureAtlas make_texture_atlas(const TriangleMesh& mesh, int size) {
   atlas.texels_per_metre = fits;
   atlas.triangles.resize(mesh.triangles.size());
   std::vector<double> distances(static_cast<std::size_t>(size) * static_cast<std::size_t>(size), std::numeric_limits<double>::infinity());
-  std::vector<std::uint32_t> texel_of(distances.size(), none);
+  std::vector<std::uint32_t> texel_of(distances.size(), no_triangle);
   for (const Chart& chart : charts) {
     std::map<std::uint32_t, std::uint32_t> copies;
     const auto placed = [&](std::uint32_t vertex) {
-      return glm::dvec2(chart.place) + double(margin) + 0.5 + fits * (turned(projected(mesh.vertices[vertex], chart.way), chart.along) - chart.low);
+      return glm::dvec2(chart.place) + double(chart_margin) + 0.5 + fits * (turned(projected(mesh.vertices[vertex], chart.way), chart.along) - chart.low);
     };
     for (const std::uint32_t t : chart.triangles) {
       std::array<glm::dvec2, 3> p;
@@ -287,13 +287,13 @@ TextureAtlas make_texture_atlas(const TriangleMesh& mesh, int size) {
         atlas.triangles[t][k] = copy->second;
       }
       for (glm::dvec2& corner : p) corner -= 0.5;  // texel (x, y) has its centre at x + ½
-      cover(p, reach, [&](int x, int y) {
+      cover(p, edge_reach, [&](int x, int y) {
         if (x < chart.place.x || y < chart.place.y || x >= size || y >= size) return;
         const auto [barycentric, distance] = nearest_place(p, {x, y});
         const std::size_t pixel = static_cast<std::size_t>(y) * static_cast<std::size_t>(size) + static_cast<std::size_t>(x);
-        if (distance > reach || distance >= distances[pixel]) return;
+        if (distance > edge_reach || distance >= distances[pixel]) return;
         distances[pixel] = distance;
-        if (texel_of[pixel] == none) {
+        if (texel_of[pixel] == no_triangle) {
           texel_of[pixel] = static_cast<std::uint32_t>(atlas.texels.size());
           atlas.texels.emplace_back();
         }

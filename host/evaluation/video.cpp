@@ -20,7 +20,7 @@ struct Codec {
   std::array<char, 4> tag;
   const char* name;
 };
-constexpr std::array<Codec, 2> codecs{{{{'a', 'v', 'c', '1'}, "H.264"}, {{'m', 'p', '4', 'v'}, "MPEG-4 part 2"}}};
+constexpr std::array<Codec, 2> mp4_codecs{{{{'a', 'v', 'c', '1'}, "H.264"}, {{'m', 'p', '4', 'v'}, "MPEG-4 part 2"}}};
 
 // Blue first, over the background, of an even size.
 cv::Mat over_background(const fs::path& path, const cv::Scalar& background) {
@@ -50,7 +50,7 @@ std::string write_video(const fs::path& path, std::span<const fs::path> pictures
   const fs::path temporary = path.parent_path() / fmt::format(".{}.{}.part.mp4", path.filename().string().substr(0, 200), ::getpid());
   cv::VideoWriter writer;
   const char* name = nullptr;
-  for (const Codec& codec : codecs) {
+  for (const Codec& codec : mp4_codecs) {
     if (!writer.open(temporary.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec.tag[0], codec.tag[1], codec.tag[2], codec.tag[3]), fps, first.size())) continue;
     name = codec.name;
     break;
