@@ -3,50 +3,12 @@
 #include <stdexcept>
 
 #include "host/body/body_template.h"
-#include "host/body/gltf.h"
+#include "host/body/gltf_append.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
 
 namespace arah {
 namespace {
-
-// Appends an array as a buffer view and an accessor of their own; returns the accessor's index.
-template <typename T>
-int append(tinygltf::Model* model, const std::vector<T>& values, int target, int component_type, int type,
-           std::size_t elements) {
-  std::vector<unsigned char>& buffer = model->buffers[0].data;
-  buffer.resize((buffer.size() + 3) / 4 * 4);  // glTF: accessors are aligned to their component size
-  tinygltf::BufferView view;
-  view.buffer = 0;
-  view.byteOffset = buffer.size();
-  view.byteLength = values.size() * sizeof(T);
-  view.target = target;
-  const auto* bytes = reinterpret_cast<const unsigned char*>(values.data());
-  buffer.insert(buffer.end(), bytes, bytes + view.byteLength);
-  tinygltf::Accessor accessor;
-  accessor.bufferView = static_cast<int>(model->bufferViews.size());
-  accessor.componentType = component_type;
-  accessor.type = type;
-  accessor.count = elements;
-  model->bufferViews.push_back(view);
-  model->accessors.push_back(accessor);
-  return static_cast<int>(model->accessors.size()) - 1;
-}
-
-// The same of places or displacements, with their bounds, which glTF asks for.
-int append_vectors(tinygltf::Model* model, const std::vector<glm::vec3>& values) {
-  const int index = append(model, values, TINYGLTF_TARGET_ARRAY_BUFFER, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, values.size());
-  glm::vec3 least = values[0], greatest = values[0];
-  for (const glm::vec3& value : values) {
-    for (int k = 0; k < 3; ++k) {
-      least[k] = std::min(least[k], value[k]);
-      greatest[k] = std::max(greatest[k], value[k]);
-    }
-  }
-  model->accessors[static_cast<std::size_t>(index)].minValues = {least.x, least.y, least.z};
-  model->accessors[static_cast<std::size_t>(index)].maxValues = {greatest.x, greatest.y, greatest.z};
-  return index;
-}
 
 // targetNames, as viewers show them, and joint_shapedirs (morph_targets.h).
 tinygltf::Value shape_extras(const ShapeSpace& shape) {
@@ -83,7 +45,7 @@ std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
   tinygltf::Primitive primitive;
   primitive.mode = TINYGLTF_MODE_TRIANGLES;
   const int vertex_data = TINYGLTF_TARGET_ARRAY_BUFFER;
-  primitive.attributes["POSITION"] = append_vectors(&model, shape.size() > 0 ? shape.base_vertices : body.vertices);
+  primitive.attributes["POSITION"] = append_positions(&model, shape.size() > 0 ? shape.base_vertices : body.vertices);
   primitive.attributes["NORMAL"] =
       append(&model, body.normals, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, count);
   primitive.attributes["JOINTS_0"] =
@@ -92,7 +54,7 @@ std::vector<std::byte> body_template_glb(const BodyTemplate& body) {
       append(&model, body.weights, vertex_data, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC4, count);
   primitive.indices = append(&model, body.triangles, TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER,
                              TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, TINYGLTF_TYPE_SCALAR, 3 * body.triangles.size());
-  for (const std::vector<glm::vec3>& offsets : shape.vertex_offsets) primitive.targets.push_back({{"POSITION", append_vectors(&model, offsets)}});
+  for (const std::vector<glm::vec3>& offsets : shape.vertex_offsets) primitive.targets.push_back({{"POSITION", append_positions(&model, offsets)}});
   tinygltf::Mesh mesh;
   mesh.name = "template";
   mesh.primitives.push_back(primitive);

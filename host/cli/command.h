@@ -18,11 +18,13 @@ using Run = std::function<int()>;
 // Each adds its subcommand to `program`: options, checks, --help with an example in the footer. When the subcommand is
 // what was called, parsing sets `run`, which must own or share all that it needs.
 void add_ablate_command(CLI::App& program, Run& run);
+void add_animate_command(CLI::App& program, Run& run);
 void add_bench_command(CLI::App& program, Run& run);
 void add_curve_command(CLI::App& program, Run& run);
 void add_demo_command(CLI::App& program, Run& run);
 void add_devices_command(CLI::App& program, Run& run);
 void add_evaluate_command(CLI::App& program, Run& run);
+void add_export_command(CLI::App& program, Run& run);
 void add_import_command(CLI::App& program, Run& run);
 void add_inspect_command(CLI::App& program, Run& run);
 void add_pretrain_command(CLI::App& program, Run& run);

@@ -43,7 +43,7 @@ int main(int argc, char** argv) {
   arah::Run run;
   for (const auto add :
        {arah::add_demo_command, arah::add_synth_command, arah::add_import_command, arah::add_inspect_command, arah::add_pretrain_command, arah::add_train_command,
-        arah::add_render_command, arah::add_evaluate_command, arah::add_curve_command, arah::add_ablate_command, arah::add_tradeoff_command, arah::add_bench_command, arah::add_devices_command})
+        arah::add_render_command, arah::add_animate_command, arah::add_export_command, arah::add_evaluate_command, arah::add_curve_command, arah::add_ablate_command, arah::add_tradeoff_command, arah::add_bench_command, arah::add_devices_command})
     add(program, run);
 
   try {

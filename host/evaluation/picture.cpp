@@ -66,6 +66,18 @@ std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, i
   return encode(image);
 }
 
+std::vector<float> straight_alpha(std::span<const float> color, std::span<const float> alpha, int width, int height) {
+  check_size(color.size(), width, height, 3);
+  check_size(alpha.size(), width, height, 1);
+  std::vector<float> rgba;
+  rgba.reserve(4 * alpha.size());
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    for (std::size_t c = 0; c < 3; ++c) rgba.push_back(alpha[i] > 0 ? color[3 * i + c] / alpha[i] : 0.0f);
+    rgba.push_back(alpha[i]);
+  }
+  return rgba;
+}
+
 std::vector<float> error_map(std::span<const float> rendering, std::span<const float> truth, int width, int height,
                              float gain) {
   check_size(rendering.size(), width, height, 3);

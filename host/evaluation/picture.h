@@ -15,6 +15,9 @@ namespace arah {
 // (white where grey), so that it is seen.
 std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, int height, int channels);
 
+// RGBA with straight alpha from a colour that is multiplied by it, as compositing over black leaves it; 0 where alpha is 0.
+std::vector<float> straight_alpha(std::span<const float> color, std::span<const float> alpha, int width, int height);
+
 // RGB in [0, 1]: the mean over channels of |rendering - truth|, times `gain`, in the Inferno colours: black = equal,
 // pale yellow = a difference of 1 / gain and above. Non-finite pixels stay non-finite, so that encode_png shows them.
 std::vector<float> error_map(std::span<const float> rendering, std::span<const float> truth, int width, int height,

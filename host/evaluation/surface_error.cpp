@@ -7,13 +7,11 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
-#include <optional>
 #include <sstream>
 
+#include "host/evaluation/mesh_extraction.h"
 #include "host/evaluation/mesh_metrics.h"
 #include "host/input_error.h"
-#include "host/rendering/frame_on_device.h"
-#include "host/rendering/surface_mesh.h"
 
 namespace arah {
 namespace {
@@ -93,32 +91,16 @@ bool has_surface(const Capture& capture, const std::string& split) { return !fra
 std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, const Capture& capture, const std::string& split, const std::function<void(double)>& progress) {
   const auto frames = frames_with_surface(capture, split);
   if (frames.empty()) throw InputError((capture.path / "meshes").string(), "", fmt::format("{}_<frame>.ply, the true surface of some frame", split), "none", "Without the true surface leave --surface out.");
-  Commands commands(device);
-  AvatarNetworks networks(device, avatar, false);
-  TemplateOnDevice body(device, avatar.body);
-  constexpr uint32_t points_at_a_time = 16384;
-  Field field(device, networks, points_at_a_time, 1, {.capacity = point_padding}, false);  // of distances alone
-  BakedDistances baked(device, avatar, mesh_cell);
-  std::optional<SurfaceMesh> mesh;
-  std::optional<size_t> mesh_row;
-  const bool by_pose = avatar.spec.sdf.pose != PoseConditioning::none;
+  MeshExtraction extraction(device, avatar, mesh_cell);
   std::vector<SurfaceError> errors;
   for (const auto& [frame, path] : frames) {
     if (progress) progress(double(errors.size()) / double(frames.size()));
-    const size_t row = avatar.spec.latent_size > 0 ? latent_row(avatar, frame->number) : 0;
     const Pose& pose = pose_to_render(avatar.refined, split, *frame);
-    if (!mesh || by_pose || (mesh_row != row && avatar.spec.sdf.conditioning != SdfConditioning::none)) {
-      networks.record_pack(commands, row, pose_input(avatar, pose));
-      commands.submit_and_wait();
-      FrameOnDevice posed(device, avatar, body, pose, {});
-      baked.bake(commands, field, posed.constants());
-      mesh.emplace(device, commands, networks, avatar, baked.samples(), posed.constants());
-      mesh_row = row;
-    }
+    const SurfaceMesh& mesh = extraction.mesh(pose, avatar.spec.latent_size > 0 ? latent_row(avatar, frame->number) : 0);
     std::vector<glm::dvec3> vertices;
-    for (const glm::vec3& p : mesh->posed(pose)) vertices.emplace_back(p);
+    for (const glm::vec3& p : mesh.posed(pose)) vertices.emplace_back(p);
     const TrueSurface surface = true_surface(path);
-    const MeshMetrics metrics = mesh_metrics({vertices, mesh->canonical().triangles}, {surface.vertices, surface.triangles});
+    const MeshMetrics metrics = mesh_metrics({vertices, mesh.canonical().triangles}, {surface.vertices, surface.triangles});
     std::vector<double> distances;
     for (size_t v = 0; v < surface.vertices.size(); ++v)
       if (surface.without_hair[v]) distances.push_back(metrics.to_prediction.to_surface[v]);

@@ -117,7 +117,13 @@ void SurfaceMesh::take_template_weights() {
   }
 }
 
-// Canonical → world, by vertex.
+std::vector<std::pair<uint32_t, float>> SurfaceMesh::influences(size_t vertex) const {
+  std::vector<std::pair<uint32_t, float>> found;
+  if (influences_.empty()) return found;
+  for (uint32_t i = first_[vertex]; i < first_[vertex + 1]; ++i) found.emplace_back(influences_[i].joint, influences_[i].weight);
+  return found;
+}
+
 std::vector<glm::mat4> SurfaceMesh::vertex_transforms(const Pose& pose) const {
   const glm::dvec3 t = root_translation(avatar_.body.skeleton, pose);
   std::vector<glm::mat4> world;

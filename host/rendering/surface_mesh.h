@@ -32,7 +32,11 @@ class SurfaceMesh {
   SurfaceHits seen(const Pose& pose, const Camera& camera, double outline) const;
 
   const TriangleMesh& canonical() const { return mesh_; }  // metres
+  const std::vector<glm::dvec3>& normals() const { return normals_; }  // of its vertices, canonical, unit length
   std::vector<glm::vec3> posed(const Pose& pose) const;    // its vertices in the world
+  std::vector<glm::mat4> vertex_transforms(const Pose& pose) const;  // canonical → world, by vertex
+  // Joints that move a vertex with their weights, sum 1; none where no bone moves.
+  std::vector<std::pair<uint32_t, float>> influences(size_t vertex) const;
 
  private:
   struct Influence {
@@ -41,8 +45,6 @@ class SurfaceMesh {
   };
   void take_network_weights(Device& device, Commands& commands, AvatarNetworks& networks, const BufferSlice& frame);
   void take_template_weights();
-
-  std::vector<glm::mat4> vertex_transforms(const Pose& pose) const;
 
   const Avatar& avatar_;
   TriangleMesh mesh_;

@@ -1,0 +1,154 @@
+#include "host/evaluation/animation.h"
+
+#include <fmt/format.h>
+
+#include <bit>
+#include <nlohmann/json.hpp>
+
+#include "host/body/json_fields.h"
+#include "host/evaluation/picture.h"
+#include "host/file_writing.h"
+#include "host/input_error.h"
+#include "host/rendering/renderer.h"
+
+namespace arah {
+namespace {
+
+namespace fs = std::filesystem;
+
+// FNV-1a over numbers.
+class Fingerprint {
+ public:
+  template <typename Number>
+  void add(const Number& number) {
+    uint64_t bits = 0;
+    if constexpr (sizeof(Number) == 8) bits = std::bit_cast<uint64_t>(number);
+    else bits = std::bit_cast<uint32_t>(number);
+    for (int byte = 0; byte < 8; ++byte) hash_ = (hash_ ^ (bits >> 8 * byte & 255)) * 0x100000001b3ull;
+  }
+  std::string text() const { return fmt::format("{:016x}", hash_); }
+
+ private:
+  uint64_t hash_ = 0xcbf29ce484222325ull;
+};
+
+std::string of_avatar(const Avatar& avatar) {
+  Fingerprint print;
+  print.add(avatar.steps);
+  for (const float value : avatar.parameters) print.add(value);
+  return print.text();
+}
+
+std::string of_frames(const std::vector<AnimationFrame>& frames) {
+  Fingerprint print;
+  for (const AnimationFrame& frame : frames) {
+    for (const glm::dvec3& theta : frame.pose.theta)
+      for (int k = 0; k < 3; ++k) print.add(theta[k]);
+    for (int k = 0; k < 3; ++k) print.add(frame.pose.root_position[k]), print.add(frame.camera.T[k]);
+    for (int column = 0; column < 3; ++column)
+      for (int row = 0; row < 3; ++row) print.add(frame.camera.K[column][row]), print.add(frame.camera.R[column][row]);
+    print.add(uint64_t{frame.latent_row});
+  }
+  return print.text();
+}
+
+// What the pictures depend on.
+nlohmann::ordered_json description(const Avatar& avatar, const Animation& animation) {
+  const Camera& camera = animation.frames.front().camera;
+  return {{"avatar", of_avatar(avatar)},
+          {"frames", animation.frames.size()},
+          {"size", fmt::format("{} x {}", camera.width, camera.height)},
+          {"poses_and_cameras", of_frames(animation.frames)},
+          {"beside", animation.normals_beside ? "normals" : "nothing"},
+          {"render", nlohmann::ordered_json::parse(render_settings_json(animation.render))}};
+}
+
+// Two pictures with straight alpha, four channels each, side by side.
+std::vector<float> side_by_side(const std::vector<float>& left, const std::vector<float>& right, int width, int height) {
+  std::vector<float> both;
+  both.reserve(left.size() + right.size());
+  const auto row = static_cast<std::ptrdiff_t>(4 * width);
+  for (std::ptrdiff_t y = 0; y < height; ++y)
+    for (const std::vector<float>* half : {&left, &right}) both.insert(both.end(), half->begin() + y * row, half->begin() + (y + 1) * row);
+  return both;
+}
+
+std::vector<uint8_t> picture_png(const Picture& picture, bool normals_beside) {
+  const int w = picture.width, h = picture.height;
+  const std::vector<float> color = straight_alpha(picture.color, picture.alpha, w, h);
+  if (!normals_beside) return encode_png(color, w, h, 4);
+  return encode_png(side_by_side(color, straight_alpha(normals_to_rgb(picture.normal, w, h), picture.alpha, w, h), w, h), 2 * w, h, 4);
+}
+
+}  // namespace
+
+fs::path animation_picture(const fs::path& folder, std::size_t frame) { return folder / fmt::format("{:06}.png", frame); }
+
+AnimationFolder::AnimationFolder(fs::path path, const Avatar& avatar, const Animation& animation) : path_(std::move(path)), animation_(animation) {
+  if (animation.frames.empty()) throw std::invalid_argument("an animation without frames");
+  const nlohmann::ordered_json now = description(avatar, animation);
+  const fs::path file = path_ / "animation.json";
+  if (!fs::exists(file)) {
+    std::error_code error;
+    fs::create_directories(path_, error);
+    if (error || !fs::is_directory(path_)) throw InputError(path_.string(), "", "a folder for the pictures", error ? error.message() : "a file", "Choose another name.");
+    if (done() > 0) throw InputError(path_.string(), "animation.json", "what says how the pictures here were made", "none", "Choose another name, or remove the pictures.");
+    write_file_safely(file, now.dump(1) + "\n");
+    return;
+  }
+  const nlohmann::json before = read_json(file);
+  for (const auto& [name, value] : now.items()) {
+    const nlohmann::json was = before.is_object() ? before.value(name, nlohmann::json()) : nlohmann::json();
+    if (was == nlohmann::json(value)) continue;
+    throw InputError(file.string(), name, "what the pictures there were made with, " + json_excerpt(was), json_excerpt(value),
+                     fmt::format("Go on with the same options, choose another name, or remove {}.", path_.string()));
+  }
+}
+
+std::size_t AnimationFolder::done() const {
+  std::size_t count = 0;
+  for (const fs::path& picture : pictures()) count += fs::exists(picture);
+  return count;
+}
+
+std::vector<fs::path> AnimationFolder::pictures() const {
+  std::vector<fs::path> paths;
+  for (std::size_t f = 0; f < animation_.frames.size(); ++f) paths.push_back(animation_picture(path_, f));
+  return paths;
+}
+
+bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::function<bool(double)>& progress) const {
+  std::size_t there = done();
+  if (there == animation_.frames.size()) return true;
+  RenderSettings settings = animation_.render;
+  settings.normals = animation_.normals_beside;
+  Renderer renderer(device, avatar, settings);
+  bool stopped = false;
+  for (std::size_t f = 0; f < animation_.frames.size(); ++f) {
+    const fs::path path = animation_picture(path_, f);
+    if (fs::exists(path)) continue;
+    const AnimationFrame& frame = animation_.frames[f];
+    Picture picture;
+    try {
+      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](double part) {
+        stopped = !progress(double(there) + part);
+        return !stopped;
+      });
+    } catch (const std::runtime_error&) {
+      if (stopped) return false;
+      throw;
+    }
+    write_file_safely(path, picture_png(picture, animation_.normals_beside));
+    if (!progress(double(++there)) && there < animation_.frames.size()) return false;
+  }
+  return true;
+}
+
+void AnimationFolder::remove() const {
+  std::error_code ignored;
+  for (const fs::path& picture : pictures()) fs::remove(picture, ignored);
+  fs::remove(path_ / "animation.json", ignored);
+  fs::remove(path_, ignored);  // refuses where something else is in it
+}
+
+}  // namespace arah
