@@ -545,7 +545,7 @@ TEST_F(Stories, WrongCallsAreExplained) {
     EXPECT_THAT(outcome.errors, HasSubstr("arah: "));
     EXPECT_FALSE(fs::exists(at("x")) || fs::exists(at("y")) || fs::exists(at("y.png")));
   }
-  for (const char* word : {"ablate", "bench", "demo", "devices", "evaluate", "inspect", "pretrain", "render", "synth", "tradeoff",
+  for (const char* word : {"ablate", "animate", "bench", "demo", "devices", "evaluate", "export", "import", "inspect", "pretrain", "render", "synth", "tradeoff",
                            "train"}) {
     const Outcome help = arah({word, "--help"});
     EXPECT_EQ(help.code, 0);
