@@ -81,6 +81,7 @@ void rest_with(ClothedFigure& figure, const RestingArms& arms) {
   const std::vector<glm::dmat4> transforms = rest_to_posed(skeleton, pose);
   take_there(transforms, figure.body.joints, figure.body.weights, figure.body.vertices, figure.body.normals);
   figure.body.glb.clear();
+  figure.body.shape = {};  // its targets were of the rest before
   take_there(transforms, figure.joints, figure.weights, figure.rest, figure.normals);
   for (std::size_t j = 0; j < skeleton.size(); ++j) skeleton.rest_joints[j] = glm::dvec3(transforms[j] * glm::dvec4(skeleton.rest_joints[j], 1.0));
 }

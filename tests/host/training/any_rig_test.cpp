@@ -16,6 +16,7 @@ namespace {
 // The small capture with another rig in the same body.
 Capture with_body(BodyTemplate body, const std::function<Pose(const Pose&)>& pose_of) {
   Capture capture = small_capture();
+  body.shape = {};  // of the other rig's joints
   body.glb = body_template_glb(body);
   capture.body_template = read_body_template_bytes(body.glb, "rig");
   for (auto& [split, motion] : capture.motions) {
