@@ -57,7 +57,7 @@ std::string plain(const std::string& name) {
   return text;
 }
 
-std::size_t index(int joint) {
+std::size_t joint_index(int joint) {
   return static_cast<std::size_t>(joint);
 }
 
@@ -70,7 +70,7 @@ int joint_named(std::span<const NamedJoint> names, const std::string& name) {
 // The joints between two, from above, without either; empty where `below` does not hang below `above`.
 std::vector<int> between(const Skeleton& skeleton, int above, int below) {
   std::vector<int> joints;
-  for (int at = below < 0 ? -1 : skeleton.parents[index(below)]; at != above; at = skeleton.parents[index(at)]) {
+  for (int at = below < 0 ? -1 : skeleton.parents[joint_index(below)]; at != above; at = skeleton.parents[joint_index(at)]) {
     if (at < 0) return {};
     joints.push_back(at);
   }
@@ -84,7 +84,7 @@ std::optional<std::vector<glm::dvec3>> rest_of(const Skeleton& skeleton, std::sp
   for (const std::string& name : wanted) {
     const int joint = joint_named(names, name);
     if (joint < 0) return std::nullopt;
-    places.push_back(skeleton.rest_joints[index(joint)]);
+    places.push_back(skeleton.rest_joints[joint_index(joint)]);
   }
   return places;
 }
@@ -123,7 +123,7 @@ std::string limb_end(const std::string& name) {
 std::optional<std::array<std::size_t, 2>> hips_of(std::span<const NamedJoint> names) {
   const int left = joint_named(names, "left_hip"), right = joint_named(names, "right_hip");
   if (left < 0 || right < 0) return std::nullopt;
-  return std::array<std::size_t, 2>{index(left), index(right)};
+  return std::array<std::size_t, 2>{joint_index(left), joint_index(right)};
 }
 
 glm::dvec3 middle(const std::array<std::size_t, 2>& joints, const std::vector<glm::dvec3>& places) {
@@ -142,7 +142,7 @@ RestCorrections rest_corrections(const Skeleton& source, std::span<const NamedJo
   const glm::dmat3 axes = rest_axes(source) * glm::transpose(rest_axes(target));
   for (std::size_t j = 0; j < target.size(); ++j) {
     const int parent = target.parents[j];
-    glm::dmat3 turn = parent < 0 ? axes : result.turns[index(parent)];
+    glm::dmat3 turn = parent < 0 ? axes : result.turns[joint_index(parent)];
     for (const NamedJoint& named : target_names) {
       if (named.joint != static_cast<int>(j)) continue;
       if (named.name.ends_with("_ankle")) turn = axes;
@@ -203,7 +203,7 @@ std::vector<NamedJoint> smpl_names(const Skeleton& skeleton) {
   for (const char* end : {"neck", "head", "left_collar", "left_shoulder"}) {
     if (spine.empty() && pelvis >= 0) spine = between(skeleton, pelvis, joint_named(names, end));
   }
-  std::erase_if(spine, [&](int joint) { return taken[index(joint)]; });
+  std::erase_if(spine, [&](int joint) { return taken[joint_index(joint)]; });
   for (std::size_t k = 1; k <= 3 && !spine.empty(); ++k) names.push_back({fmt::format("spine{}", k), spine[(k * spine.size() + 2) / 3 - 1]});
   return names;
 }
@@ -253,7 +253,7 @@ Retargeted retarget(const Motion& source, const Skeleton& target, const Retarget
   result.motion.skeleton = target;
   auto source_hips = hips_of(source_names), target_hips = hips_of(target_names);
   if (!source_hips || !target_hips) {  // the roots instead
-    source_hips = {index(result.sources[0]), index(result.sources[0])};
+    source_hips = {joint_index(result.sources[0]), joint_index(result.sources[0])};
     target_hips = {0, 0};
   }
   const glm::dvec3 hips_at_rest = middle(*target_hips, target.rest_joints) - target.rest_joints[0];
@@ -264,8 +264,8 @@ Retargeted retarget(const Motion& source, const Skeleton& target, const Retarget
     for (std::size_t j = 0; j < places.size(); ++j) places[j] = glm::dvec3(posed[j][3]) + root_translation(source.skeleton, frame.pose);
     frame.pose.theta.resize(target.size());
     for (std::size_t j = 0; j < target.size(); ++j) {
-      const glm::dmat3 parent = target.parents[j] < 0 ? glm::dmat3(1.0) : turned[index(target.parents[j])];
-      turned[j] = result.sources[j] < 0 ? parent : glm::dmat3(posed[index(result.sources[j])]) * corrections.turns[j];
+      const glm::dmat3 parent = target.parents[j] < 0 ? glm::dmat3(1.0) : turned[joint_index(target.parents[j])];
+      turned[j] = result.sources[j] < 0 ? parent : glm::dmat3(posed[joint_index(result.sources[j])]) * corrections.turns[j];
       frame.pose.theta[j] = axis_angle_from_rotation(glm::transpose(parent) * turned[j]);
     }
     frame.pose.root_position = result.scale * middle(*source_hips, places) - turned[0] * hips_at_rest;
@@ -279,7 +279,7 @@ std::string retarget_table(const Retargeted& result, const Skeleton& source) {
   std::string table, resting;
   for (std::size_t j = 0; j < result.sources.size(); ++j) {
     const std::string& name = result.motion.skeleton.names[j];
-    if (result.sources[j] >= 0) table += fmt::format("  {:<16} {}\n", name, source.names[index(result.sources[j])]);
+    if (result.sources[j] >= 0) table += fmt::format("  {:<16} {}\n", name, source.names[joint_index(result.sources[j])]);
     else resting += (resting.empty() ? "" : ", ") + name;
   }
   if (!resting.empty()) table += fmt::format("  at rest: {}\n", resting);

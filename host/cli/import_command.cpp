@@ -45,6 +45,14 @@ Skeleton rig_of(const std::filesystem::path& body, const std::vector<double>& be
   return read_body_template(body).skeleton;
 }
 
+FrameRange motion_range(const std::string& text) {
+  try {
+    return parse_frame_range("motion=" + text);
+  } catch (const InputError&) {
+    throw InputError("--frames", "", "FIRST:END or FIRST:END:STEP for a motion, such as 0:300", "'" + text + "'");
+  }
+}
+
 int import_motion(const ImportSettings& settings, const std::vector<double>& betas, const std::vector<std::string>& ranges, const MotionEdits& edits) {
   if (edits.place.size() == 1 || edits.place.size() > 3) throw InputError("--place", "", "x,y or x,y,z", fmt::format("{} numbers", edits.place.size()));
   if (ranges.size() > 1) throw InputError("--frames", "", "one range for a motion", fmt::format("{}", ranges.size()));
@@ -53,8 +61,7 @@ int import_motion(const ImportSettings& settings, const std::vector<double>& bet
   file.settings.scale = edits.scale;
   Motion source = file.motion;
   if (!ranges.empty()) {
-    if (ranges[0].find('=') != std::string::npos) throw InputError("--frames", "", "FIRST:END or FIRST:END:STEP for a motion", "'" + ranges[0] + "'");
-    const FrameRange range = parse_frame_range("motion=" + ranges[0]);
+    const FrameRange range = motion_range(ranges[0]);
     source = cut(source, static_cast<std::size_t>(range.first), static_cast<std::size_t>(range.end), static_cast<std::size_t>(range.step), where);
   }
   Retargeted result = retarget(source, rig_of(settings.body, betas), file.settings, where);
