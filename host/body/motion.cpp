@@ -49,6 +49,10 @@ Motion read_motion(const std::filesystem::path& path) {
   motion.skeleton = read_skeleton(file, where);
   if (file.contains("split")) motion.split = json_text(file["split"], where, "split");
   if (file.contains("poses")) motion.poses = json_text(file["poses"], where, "poses");
+  if (file.contains("fps")) {
+    motion.frames_per_second = json_number(file["fps"], where, "fps");
+    if (!(motion.frames_per_second > 0.0)) throw InputError(where, "fps", "a rate above 0", json_excerpt(file["fps"]));
+  }
   refuse_shape(file, where);
   const long joints = static_cast<long>(motion.skeleton.size());
   std::set<int> numbers;
@@ -84,6 +88,7 @@ void write_motion(const std::filesystem::path& path, const Motion& motion) {
   nlohmann::ordered_json file;
   file["split"] = motion.split;
   if (!motion.poses.empty()) file["poses"] = motion.poses;
+  if (motion.frames_per_second > 0.0) file["fps"] = motion.frames_per_second;
   file["joint_names"] = motion.skeleton.names;
   file["parents"] = motion.skeleton.parents;
   file["units"] = "metres, radians";

@@ -22,11 +22,12 @@ struct Motion {
   std::string poses;  // what the file says of its poses: "exact", "estimated", or nothing
   Skeleton skeleton;  // the joints that the poses refer to, as the file states them
   std::vector<MotionFrame> frames;
+  double frames_per_second = 0;  // 0: not known
 };
 
 // Reads the native JSON: `joint_names`, `parents`, `joint_rest` (metres) and `frames`, each with `frame` (number),
-// `theta` [J][3] axis-angles and `root_position` (or `trans` = root_position − joint_rest[0]); `split`, `source` and
-// `poses` are optional. Throws InputError naming file, frame and field: missing or truncated file, missing fields, numbers that are
+// `theta` [J][3] axis-angles and `root_position` (or `trans` = root_position − joint_rest[0]); `split`, `source`,
+// `poses` and `fps` are optional. Throws InputError naming file, frame and field: missing or truncated file, missing fields, numbers that are
 // not finite, a wrong count of rotations, frames given twice, no frames, shape coefficients (`betas`) other than 0.
 Motion read_motion(const std::filesystem::path& path);
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>
 #include <glm/gtc/quaternion.hpp>
 #include <stdexcept>
@@ -46,6 +47,15 @@ glm::dvec3 axis_angle_from_rotation(const glm::dmat3& rotation) {
   const double sine = glm::length(v);  // of half the angle
   if (sine < 1e-12) return 2.0 * v;
   return v * (2.0 * std::atan2(sine, q.w) / sine);
+}
+
+glm::dmat3 shortest_turn(const glm::dvec3& from, const glm::dvec3& to) {
+  const glm::dvec3 axis = glm::cross(from, to);
+  const double sine = glm::length(axis), cosine = glm::dot(from, to);
+  if (sine > 1e-9) return rotation_from_axis_angle(axis / sine * std::atan2(sine, cosine));
+  if (cosine > 0) return glm::dmat3(1.0);
+  const glm::dvec3 other = std::abs(from.x) < 0.7 ? glm::dvec3(1, 0, 0) : glm::dvec3(0, 1, 0);
+  return rotation_from_axis_angle(glm::pi<double>() * glm::normalize(glm::cross(from, other)));
 }
 
 std::vector<glm::dmat4> forward_kinematics(const Skeleton& skeleton, const Pose& pose) {

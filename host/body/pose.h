@@ -30,6 +30,9 @@ glm::dmat3 rotation_from_axis_angle(const glm::dvec3& axis_angle);
 // Its inverse, angle in [0, π]; stable at 0 and at π (through the unit quaternion's largest component).
 glm::dvec3 axis_angle_from_rotation(const glm::dmat3& rotation);
 
+// The shortest turn of one unit vector to another; about any axis across it where they are opposite.
+glm::dmat3 shortest_turn(const glm::dvec3& from, const glm::dvec3& to);
+
 // G_j: joint frame → posed world without the global translation, [J]. The root stays where it rests:
 // G_0 = [R_0 | J_0], G_j = G_parent [R_j | J_j − J_parent]. The posed joint is the translation of G_j.
 // Throws std::invalid_argument if the pose has another number of joints.

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "host/body/canonical.h"
+#include "host/body/motion_file.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -189,12 +190,40 @@ std::string inspect_template(const BodyTemplate& body) {
   return report;
 }
 
+namespace {
+
+// Joints as they are found by their names, and those that are not.
+std::string inspect_motion_file(const MotionFile& file) {
+  std::string report, unknown;
+  const Motion& motion = file.motion;
+  line(&report, "{}: {} frames{}, {} joints", file.format, motion.frames.size(),
+       motion.frames_per_second > 0 ? fmt::format(" at {:.4g} a second", motion.frames_per_second) : "", motion.skeleton.size());
+  const std::vector<NamedJoint> names = smpl_names(motion.skeleton);
+  for (const NamedJoint& named : names) line(&report, "  {:<16} {}", named.name, motion.skeleton.names[static_cast<std::size_t>(named.joint)]);
+  for (std::size_t j = 0; j < motion.skeleton.size(); ++j) {
+    if (std::any_of(names.begin(), names.end(), [&](const NamedJoint& named) { return named.joint == static_cast<int>(j); })) continue;
+    unknown += (unknown.empty() ? "" : ", ") + motion.skeleton.names[j];
+  }
+  if (!unknown.empty()) line(&report, "  of other names: {}", unknown);
+  glm::dvec3 least = motion.frames.at(0).pose.root_position, greatest = least;
+  for (const MotionFrame& frame : motion.frames) {
+    least = glm::min(least, frame.pose.root_position);
+    greatest = glm::max(greatest, frame.pose.root_position);
+  }
+  line(&report, "  root moves through {:.4g} x {:.4g} x {:.4g} {}, +Z up", greatest.x - least.x, greatest.y - least.y, greatest.z - least.z,
+       file.format == "BVH" ? "of the file's units" : "m");
+  for (const std::string& note : file.notes) line(&report, "note: {}", note);
+  return report;
+}
+
+}  // namespace
+
 std::string inspect_motion(const Motion& motion) {
   std::string report;
   std::vector<int> numbers;
   for (const MotionFrame& frame : motion.frames) numbers.push_back(frame.number);
-  line(&report, "motion '{}': {} frames ({}), {} joints", motion.split, motion.frames.size(), ranges(numbers),
-       motion.skeleton.size());
+  line(&report, "motion '{}': {} frames ({}){}, {} joints", motion.split, motion.frames.size(), ranges(numbers),
+       motion.frames_per_second > 0 ? fmt::format(" at {:.4g} a second", motion.frames_per_second) : "", motion.skeleton.size());
   double largest = 0.0;
   glm::dvec3 least = motion.frames.at(0).pose.root_position, greatest = least;
   for (const MotionFrame& frame : motion.frames) {
@@ -269,7 +298,8 @@ std::string inspect(const std::filesystem::path& path) {
     return report;
   }
   if (extension == ".json") return inspect_motion(read_motion(path));
-  throw InputError(path.string(), "", "a capture's folder, a motion (.json) or a template (.glb, .gltf)",
+  if (is_foreign_motion(path)) return inspect_motion_file(read_motion_file(path));
+  throw InputError(path.string(), "", "a capture's folder, a motion (.json, .bvh, .npz, .pkl) or a template (.glb, .gltf)",
                    "a file ending in '" + extension + "'");
 }
 

@@ -2,9 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
 #include <glm/geometric.hpp>
-#include <glm/gtc/constants.hpp>
 #include <glm/matrix.hpp>
 
 #include "host/input_error.h"
@@ -19,16 +17,6 @@ std::array<int, 4> arm_joints(const Skeleton& skeleton, std::size_t side) {
   std::array<int, 4> joints{};
   for (std::size_t i = 0; i < joints.size(); ++i) joints[i] = find_joint(skeleton, fmt::format("{}_{}", kArmSides[side], kArmJoints[i]));
   return joints;
-}
-
-// The shortest turn of one unit vector to another; about any axis across it where they are opposite.
-glm::dmat3 shortest_turn(const glm::dvec3& from, const glm::dvec3& to) {
-  const glm::dvec3 axis = glm::cross(from, to);
-  const double sine = glm::length(axis), cosine = glm::dot(from, to);
-  if (sine > 1e-9) return rotation_from_axis_angle(axis / sine * std::atan2(sine, cosine));
-  if (cosine > 0) return glm::dmat3(1.0);
-  const glm::dvec3 other = std::abs(from.x) < 0.7 ? glm::dvec3(1, 0, 0) : glm::dvec3(0, 1, 0);
-  return rotation_from_axis_angle(glm::pi<double>() * glm::normalize(glm::cross(from, other)));
 }
 
 // The linear blend of a vertex.

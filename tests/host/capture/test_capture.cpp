@@ -188,6 +188,10 @@ TEST(Inspect, LooksAtSingleFiles) {
   Motion degrees = made.motion;
   degrees.frames[1].pose.theta[0].x = 45.0;
   EXPECT_THAT(inspect_motion(degrees), testing::HasSubstr("are the angles radians?"));
+  EXPECT_THAT(inspect(made.folder.write("a.bvh", "HIERARCHY\nROOT Hips {\nOFFSET 0 0 0\nCHANNELS 1 Xposition\nJOINT Tail {\nOFFSET 0 1 0\nCHANNELS 0\n}\n}\n"
+                                                 "MOTION\nFrames: 2\nFrame Time: 0.04\n1\n3\n")),
+              testing::AllOf(testing::HasSubstr("BVH: 2 frames at 25 a second, 2 joints"), testing::HasSubstr("pelvis           Hips"), testing::HasSubstr("other names: Tail"),
+                             testing::HasSubstr("through 2 x 0 x 0")));
   expect_input_error([&] { inspect(made.folder.write("notes.txt", "")); }, {"notes.txt", "'.txt'"});
   expect_input_error([&] { inspect(made.folder / "absent"); }, {"absent", "nothing of this name"});
 }
