@@ -21,14 +21,6 @@ constexpr double degree = std::numbers::pi / 180;
 
 class PoseRefinementTest : public DeviceTest {
  protected:
-  static Avatar fitted(Device& device, const AvatarSpec& spec) {
-    Avatar made = make_avatar(spec, small_capture(), 3);
-    TrainingSettings settings = small_settings();
-    settings.fit_steps = settings.fit_skinning_steps = 120;
-    settings.fit_skinning_rate = 1e-2;
-    fit_template(device, made, settings);
-    return made;
-  }
   static TrainingSettings refining() {
     TrainingSettings settings = small_settings();
     settings.pose_refinement = true;
@@ -119,7 +111,7 @@ TEST(PoseRefinementStep, FollowsWhatThePoseConditionedSdfReads) {
 }
 
 TEST_F(PoseRefinementTest, ContinuesBitForBitAndTheAvatarCarriesThePoses) {
-  const Avatar start = fitted(device, small_spec());
+  const Avatar start = well_fitted_avatar(device, small_spec());
   TrainingSettings settings = refining();
   settings.sampling.root.correspondence = Correspondence::search_from_grid;
   settings.ray_importance = 0.5;
@@ -187,7 +179,7 @@ TEST_F(PoseRefinementTest, DisturbedPosesComeCloserAndExactOnesStay) {
     settings.rays = 128;
     settings.sampling.samples = 12;
     settings.skinning_every = 0;
-    Avatar avatar = fitted(device, spec);
+    Avatar avatar = well_fitted_avatar(device, spec);
     {
       Trainer trainer(device, small_capture(), avatar, settings);
       for (uint64_t step = 0; step < 150; ++step) trainer.step(150 - step);

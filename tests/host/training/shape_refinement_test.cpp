@@ -21,14 +21,6 @@ const std::vector<double> kTruth(4, 0.0);  // of the capture's body
 
 class ShapeRefinementTest : public DeviceTest {
  protected:
-  static Avatar fitted(Device& device) {
-    Avatar made = make_avatar(small_spec(), small_capture(), 3);
-    TrainingSettings settings = small_settings();
-    settings.fit_steps = settings.fit_skinning_steps = 120;
-    settings.fit_skinning_rate = 1e-2;
-    fit_template(device, made, settings);
-    return made;
-  }
   static TrainingSettings refining() {
     TrainingSettings settings = small_settings();
     settings.pose_refinement = settings.shape_refinement = true;
@@ -110,7 +102,7 @@ TEST_F(ShapeRefinementTest, AStepsGradientIsTheSlopeOfItsLoss) {
   settings.rays = 256;
   settings.sampling.samples = 256;
   settings.average_decay = 0;
-  const Avatar start = fitted(device);
+  const Avatar start = well_fitted_avatar(device, small_spec());
   const size_t numbers = 3 * start.body.skeleton.size() + 3;
   Trainer trainer(device, small_capture(), start, settings);
   const SafetensorsFile saved = trainer.checkpoint();
@@ -149,7 +141,7 @@ TEST_F(ShapeRefinementTest, AStepsGradientIsTheSlopeOfItsLoss) {
 }
 
 TEST_F(ShapeRefinementTest, ContinuesBitForBitAndTheAvatarCarriesTheShape) {
-  Avatar start = fitted(device);
+  Avatar start = well_fitted_avatar(device, small_spec());
   set_shape(start.body, {0.2, -0.3, 0.1, 0.4});
   TrainingSettings settings = refining();
   settings.sampling.root.correspondence = Correspondence::search_from_grid;
@@ -223,7 +215,7 @@ TEST_F(ShapeRefinementTest, ADisturbedShapeComesCloserAndTheTrueOneStays) {
   settings.rays = 128;
   settings.sampling.samples = 12;
   settings.skinning_every = 0;
-  Avatar avatar = fitted(device);
+  Avatar avatar = well_fitted_avatar(device, small_spec());
   {
     Trainer trainer(device, small_capture(), avatar, settings);
     for (uint64_t step = 0; step < 150; ++step) trainer.step(150 - step);

@@ -77,4 +77,14 @@ inline TrainingSettings small_settings() {
   return settings;
 }
 
+// An avatar close enough to the template for poses and shape to matter.
+inline Avatar well_fitted_avatar(Device& device, const AvatarSpec& spec) {
+  Avatar made = make_avatar(spec, small_capture(), 3);
+  TrainingSettings settings = small_settings();
+  settings.fit_steps = settings.fit_skinning_steps = 120;
+  settings.fit_skinning_rate = 1e-2;
+  fit_template(device, made, settings);
+  return made;
+}
+
 }  // namespace arah
