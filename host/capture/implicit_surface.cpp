@@ -201,6 +201,27 @@ void even_out(TriangleMesh& mesh, const ImplicitField& field, double cell, int r
   }
 }
 
+TriangleMesh without_small_parts(const TriangleMesh& mesh, double least_part) {
+  std::vector<std::uint32_t> parent(mesh.vertices.size());
+  for (std::uint32_t v = 0; v < parent.size(); ++v) parent[v] = v;
+  const auto root = [&](std::uint32_t v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  for (const glm::uvec3& t : mesh.triangles) parent[root(t.y)] = root(t.x), parent[root(t.z)] = root(t.x);
+  std::vector<std::uint32_t> sizes(parent.size(), 0), places(parent.size(), 0);
+  for (std::uint32_t v = 0; v < parent.size(); ++v) ++sizes[root(v)];
+  const double least = sizes.empty() ? 0 : least_part * *std::max_element(sizes.begin(), sizes.end());
+  TriangleMesh kept;
+  for (std::uint32_t v = 0; v < parent.size(); ++v) {
+    places[v] = static_cast<std::uint32_t>(kept.vertices.size());
+    if (sizes[root(v)] >= least) kept.vertices.push_back(mesh.vertices[v]);
+  }
+  for (const glm::uvec3& t : mesh.triangles)
+    if (sizes[root(t.x)] >= least) kept.triangles.emplace_back(places[t.x], places[t.y], places[t.z]);
+  return kept;
+}
+
 std::vector<glm::dvec3> vertex_normals(const std::vector<glm::dvec3>& vertices,
                                        const std::vector<glm::uvec3>& triangles) {
   std::vector<glm::dvec3> normals(vertices.size(), glm::dvec3(0));

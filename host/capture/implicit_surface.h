@@ -61,6 +61,10 @@ void even_out(TriangleMesh& mesh, const ImplicitField& field, double cell, int r
 // (metres), evened out.
 TriangleMesh mesh_zero_set(const ImplicitField& field, const glm::dvec3& low, const glm::dvec3& high, double cell);
 
+// Without the connected parts that have fewer than least_part of the largest one's vertices: 0 keeps all, 1 the largest alone (those
+// of them that are equally large).
+TriangleMesh without_small_parts(const TriangleMesh& mesh, double least_part);
+
 // Area-weighted unit normals, one a vertex; (0, 1, 0) where a vertex has no area around it.
 std::vector<glm::dvec3> vertex_normals(const std::vector<glm::dvec3>& vertices,
                                        const std::vector<glm::uvec3>& triangles);

@@ -18,6 +18,8 @@ void add_evaluate_command(CLI::App& program, Run& run) {
     EvaluationSettings settings;
     std::string protocol;
     bool surface = false;
+    SurfaceSettings surface_settings;
+    std::vector<double> ground;
     QualityOptions quality;
     DeviceOptions device = DeviceOptions::from_environment();
   };
@@ -37,6 +39,9 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   command->add_option("--size", settings.size, "columns that photographs are reduced to (default: as they are)")
       ->check(CLI::Range(1, 8192));
   command->add_flag("--surface", options->surface, "also how far the avatar's surface is from the capture's true one (meshes/), where it has one");
+  command->add_option("--surface-cell", options->surface_settings.cell, "metres: the avatar's mesh is cut by cubes of this edge")->check(CLI::Range(0.001, 0.1))->capture_default_str();
+  command->add_flag("--surface-largest", options->surface_settings.largest_part, "of the avatar's mesh the largest connected part alone (else without parts of less than 1 % of it)");
+  command->add_option("--ground", options->ground, "a,b,c,d: surfaces are compared where a x + b y + c z + d is not negative, x, y, z in the world; 0,0,1,-0.01 leaves out what lies less than 1 cm above z = 0")->delimiter(',')->expected(4);
   add_lpips_option(*command, settings.lpips);
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
@@ -65,7 +70,12 @@ void add_evaluate_command(CLI::App& program, Run& run) {
         progress.update(part);
         return true;
       });
-      if (options->surface) result.surface = surface_errors(device, avatar, capture, options->settings.split);
+      if (options->surface) {
+        SurfaceSettings& compared = options->surface_settings;
+        if (!options->ground.empty()) compared.ground = glm::dvec4(options->ground[0], options->ground[1], options->ground[2], options->ground[3]);
+        result.surface = surface_errors(device, avatar, capture, options->settings.split, compared);
+        result.surface_settings = compared;
+      }
       make_folder(options->out);
       const std::string name = options->avatar.string(), figures = describe(result);
       write_file_safely(options->out / "metrics.json", evaluation_json(result, avatar, name, capture, device));

@@ -205,7 +205,20 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
   }
   const RootFindingCounts& counts = evaluation.root_finding;
   ordered_json surface = ordered_json::array();
-  for (const SurfaceError& error : evaluation.surface) surface.push_back({{"frame", error.frame}, {"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}, {"chamfer_cm2", 1e4 * error.chamfer}, {"normal_consistency", error.normal_consistency}, {"f_score_5mm", error.f_score}});
+  const auto figures = [](const SurfaceError& error) {
+    return ordered_json{{"mean_mm", 1000 * error.mean}, {"percentile_95_mm", 1000 * error.percentile_95}, {"chamfer_cm2", 1e4 * error.chamfer}, {"normal_consistency", error.normal_consistency},
+                        {"normal_consistency_of_the_paper", error.normal_consistency_of_the_paper}, {"f_score_5mm", error.f_score}};
+  };
+  SurfaceError of_all;
+  for (double SurfaceError::*figure : {&SurfaceError::mean, &SurfaceError::percentile_95, &SurfaceError::chamfer, &SurfaceError::normal_consistency, &SurfaceError::normal_consistency_of_the_paper, &SurfaceError::f_score})
+    of_all.*figure = mean_of(evaluation.surface, figure);
+  for (const SurfaceError& error : evaluation.surface) {
+    surface.push_back({{"frame", error.frame}});
+    surface.back().update(figures(error));
+  }
+  const SurfaceSettings& measured = evaluation.surface_settings;
+  ordered_json surface_settings{{"cell_mm", 1000 * measured.cell}, {"largest_part", measured.largest_part}, {"ground", nullptr}};
+  if (measured.ground) surface_settings["ground"] = {measured.ground->x, measured.ground->y, measured.ground->z, measured.ground->w};
   ordered_json mean{{"psnr", optional_number(evaluation.psnr)}, {"ssim", optional_number(evaluation.ssim)}, {"ssim_data_range_2", optional_number(evaluation.ssim_of_the_paper)}};
   if (evaluation.lpips) mean["lpips"] = *evaluation.lpips;
   ordered_json json{
@@ -236,6 +249,8 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
         {"least_found_percent", percent(least_found(evaluation))}}},
       {"seconds", evaluation.seconds},
       {"surface", surface},
+      {"surface_mean", evaluation.surface.empty() ? ordered_json() : figures(of_all)},
+      {"surface_settings", evaluation.surface.empty() ? ordered_json() : surface_settings},
   };
   if (evaluation.poses) {
     const auto distance = [](const PoseDistance& d) { return ordered_json{{"joints_mm", 1000 * d.joints}, {"rotations_degrees", d.rotations * 180 / std::numbers::pi}}; };

@@ -7,22 +7,28 @@
 #include <limits>
 #include <numbers>
 
+#include "host/evaluation/marched_mesh.h"
+
 namespace arah {
 namespace {
 
 constexpr uint32_t distances_at_a_time = 16384;
+constexpr double least_rough_cell = 0.006;   // metres: finer cubes are halves of these and more
 constexpr double greatest_radius = 0.15;  // metres
 constexpr int tangents = 8, along_tangent = 40;  // over half a circle; places of each
 constexpr int outline_rounds = 5, smoothing_rounds_of_outlines = 3;
 constexpr double outline_step = 0.7;
+
+// Times that a cell of so many metres is halved until it is no longer than `cell`, but for what a float loses.
+int halvings_from(double rough, double cell) { return std::max(0, static_cast<int>(std::ceil(std::log2(rough / cell) - 1e-3))); }
 
 // Of a signed distance, by metre (ARAH.md §6).
 double laplace_density(double f, double b) { return f > 0 ? 0.5 / b * std::exp(-f / b) : (1 - 0.5 * std::exp(f / b)) / b; }
 
 }  // namespace
 
-MeshExtraction::MeshExtraction(Device& device, const Avatar& avatar, double cell, double outline)
-    : device_(device), avatar_(avatar), commands_(device), networks_(device, avatar, false), body_(device, avatar.body), field_(device, networks_, distances_at_a_time, 1, {.capacity = point_padding}, false), baked_(device, avatar, cell), outline_(outline) {
+MeshExtraction::MeshExtraction(Device& device, const Avatar& avatar, double cell, double outline, double least_kept)
+    : device_(device), avatar_(avatar), commands_(device), networks_(device, avatar, false), body_(device, avatar.body), field_(device, networks_, distances_at_a_time, 1, {.capacity = point_padding}, false), cell_(cell), outline_(outline), least_kept_(least_kept), baked_(device, avatar, std::ldexp(cell, halvings_from(least_rough_cell, cell))) {
   require_surface(avatar.spec, "meshes of the surface");
 }
 
@@ -39,9 +45,9 @@ const SurfaceMesh& MeshExtraction::mesh(const Pose& pose, std::size_t latent_row
   const bool same = mesh_ && (!new_row || avatar_.spec.sdf.conditioning == SdfConditioning::none) && (!new_pose || avatar_.spec.sdf.pose == PoseConditioning::none);
   if (same) return *mesh_;
   baked_.bake(commands_, field_, frame_->constants());
-  FieldSamples<float> distances = baked_.samples();
-  for (float& distance : distances.values) distance -= static_cast<float>(outline_);
-  mesh_.emplace(device_, commands_, networks_, avatar_, distances, frame_->constants());
+  const SurfaceCells cells = surface_cells(baked_.samples(), halvings_from(baked_.samples().cell, cell_), outline_, [&](std::span<const glm::dvec3> points) { return distances_as_packed(points); });
+  evaluated_ = baked_.evaluated() + cells.evaluated;
+  mesh_.emplace(device_, commands_, networks_, avatar_, without_small_parts(marched_mesh(device_, commands_, cells), least_kept_), frame_->constants());
   return *mesh_;
 }
 
@@ -60,6 +66,10 @@ std::vector<double> MeshExtraction::distances(const Pose& pose, std::size_t late
     shapes_frame_ = {latent_row, pose.theta};
     packed_ = false;
   }
+  return distances_as_packed(points);
+}
+
+std::vector<double> MeshExtraction::distances_as_packed(std::span<const glm::dvec3> points) {
   if (!points_.bytes()) points_ = Buffer(device_, "mesh extraction: points", distances_at_a_time * 16ull, BufferPlace::device);
   const double metres = avatar_.cube.metres_per_unit();
   std::vector<double> result;

@@ -17,11 +17,12 @@ namespace arah {
 
 class MeshExtraction {
  public:
-  // cell: metres between the nodes whose distances the mesh is made of (baked_distances.h). outline: metres outside of the
-  // surface, where the mesh lies. Throws InputError for an avatar that has no surface.
-  MeshExtraction(Device& device, const Avatar& avatar, double cell, double outline = 0);
+  // cell: metres, the edge of the cubes that the surface is cut by, at most (marched_mesh.h). outline: metres outside of the
+  // surface, where the mesh lies. least_kept: of the largest connected part's vertices; smaller parts are left out. Throws InputError
+  // for an avatar that has no surface.
+  MeshExtraction(Device& device, const Avatar& avatar, double cell, double outline = 0, double least_kept = least_part);
 
-  // Of a pose and a row of codes; stays until the next call, and is made anew only where the SDF follows what has changed.
+  // By marching cubes on the device. Of a pose and a row of codes; stays until the next call, and is made anew only where the SDF follows what has changed.
   const SurfaceMesh& mesh(const Pose& pose, std::size_t latent_row);
   // The field's colours at canonical points of the last mesh() (SurfaceColors::at), for its pose and code.
   // Signed distances of canonical points in another frame, metres: whatever the shape of that pose and code. Ends what the last
@@ -37,15 +38,20 @@ class MeshExtraction {
   double outline() const { return outline_; }  // metres
   std::vector<glm::vec3> colors(std::span<const glm::vec3> points, std::span<const glm::vec3> normals, std::span<const glm::mat4> transforms);
 
+  uint64_t evaluated() const { return evaluated_; }  // points that the network was asked for by the last mesh that was made
+
  private:
+  std::vector<double> distances_as_packed(std::span<const glm::dvec3> points);
+
   Device& device_;
   const Avatar& avatar_;
   Commands commands_;
   AvatarNetworks networks_;
   TemplateOnDevice body_;
   Field field_;  // of distances alone
-  BakedDistances baked_;
-  double outline_;
+  double cell_, outline_, least_kept_;
+  BakedDistances baked_;  // rough: cubes of 6 to 12 mm
+  uint64_t evaluated_ = 0;
   std::optional<FrameOnDevice> frame_;
   std::optional<SurfaceMesh> mesh_;
   std::optional<SurfaceColors> colors_;

@@ -13,7 +13,6 @@ namespace {
 
 constexpr int coarse_edge = 4;      // cells: two halvings
 constexpr double rough_reach = 0.06;  // metres from the template: the network answers here; the shell ends at 5.5 cm
-constexpr double steepest = 1.2;      // the network is a distance only nearly: its slope near the surface, at most
 
 // Metres from the surface in full resolution: 10 b away the density is within e⁻¹⁰ of what it is far away. At most 1 cm, at least
 // half a cell.
@@ -114,7 +113,7 @@ void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& f
     const int half = edge / 2;
     // Of a corner. Between corners the distance falls below theirs by the field's curvature, h²/8 of it: a quarter of an edge h about
     // a finger whose radius is half of one. And no surface may be missed: none is farther from a corner than half the diagonal.
-    const double h = edge * samples_.cell, near = std::max(full_band(avatar_, samples_.cell) + h / 2, steepest * std::sqrt(3.0) / 2 * h);
+    const double h = edge * samples_.cell, near = std::max(full_band(avatar_, samples_.cell) + h / 2, steepest_distance * std::sqrt(3.0) / 2 * h);
     std::vector<glm::ivec3> finer;
     asked.clear();
     for (const glm::ivec3& cell : cells) {

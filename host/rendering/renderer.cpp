@@ -159,7 +159,7 @@ void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row) {
   const auto start = std::chrono::steady_clock::now();
   commands_.stage("baking");
   baked_->bake(commands_, shaded_->field(), frame.constants());
-  if (draws_mesh()) mesh_.emplace(device_, commands_, networks_, avatar_, baked_->samples(), frame.constants());
+  if (draws_mesh()) mesh_.emplace(device_, commands_, networks_, avatar_, smooth_net(baked_->samples()), frame.constants());
   baked_row_ = latent_row;
   work_.baking_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }

@@ -13,32 +13,9 @@
 namespace arah {
 namespace {
 
-constexpr int smoothing_rounds = 1;         // against the steps that surface nets leave
+constexpr int smoothing_rounds = 1;  // against the steps that surface nets leave
 constexpr float least_influence = 1e-4f;    // of a joint on a vertex: what is left out moves it by less than 0.1 mm for each metre
 constexpr uint32_t vertices_at_a_time = 8192;
-constexpr double least_part = 0.01;         // of the largest connected part's vertices: smaller ones float about and hardly show in volume rendering
-
-// The mesh without its small connected parts.
-TriangleMesh without_small_parts(const TriangleMesh& mesh) {
-  std::vector<uint32_t> parent(mesh.vertices.size());
-  for (uint32_t v = 0; v < parent.size(); ++v) parent[v] = v;
-  const auto root = [&](uint32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-  };
-  for (const glm::uvec3& t : mesh.triangles) parent[root(t.y)] = root(t.x), parent[root(t.z)] = root(t.x);
-  std::vector<uint32_t> sizes(parent.size(), 0), places(parent.size(), 0);
-  for (uint32_t v = 0; v < parent.size(); ++v) ++sizes[root(v)];
-  const double least = sizes.empty() ? 0 : least_part * *std::max_element(sizes.begin(), sizes.end());
-  TriangleMesh kept;
-  for (uint32_t v = 0; v < parent.size(); ++v) {
-    places[v] = static_cast<uint32_t>(kept.vertices.size());
-    if (sizes[root(v)] >= least) kept.vertices.push_back(mesh.vertices[v]);
-  }
-  for (const glm::uvec3& t : mesh.triangles)
-    if (sizes[root(t.x)] >= least) kept.triangles.emplace_back(places[t.x], places[t.y], places[t.z]);
-  return kept;
-}
 
 }  // namespace
 
@@ -50,10 +27,14 @@ SurfaceMesh::Scratch::Scratch(Device& device, AvatarNetworks& networks) {
   weights = Buffer(device, "surface mesh: weights", uint64_t(vertices_at_a_time) * padded_channels(networks.tree().joints()) * 4, BufferPlace::device);
 }
 
-SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame)
-    : avatar_(avatar), mesh_(without_small_parts(surface_nets(distances))) {
+TriangleMesh smooth_net(const FieldSamples<float>& distances) {
+  TriangleMesh mesh = without_small_parts(surface_nets(distances), least_part);
+  even_out(mesh, [&](const glm::dvec3& p) { return distances.between(p); }, distances.cell, smoothing_rounds);
+  return mesh;
+}
+
+SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, TriangleMesh mesh, const BufferSlice& frame) : avatar_(avatar), mesh_(std::move(mesh)) {
   require_surface(avatar.spec, "meshes of the surface");
-  even_out(mesh_, [&](const glm::dvec3& p) { return distances.between(p); }, distances.cell, smoothing_rounds);
   normals_ = vertex_normals(mesh_.vertices, mesh_.triangles);
   first_.push_back(0);
   if (avatar.spec.skinning.kind == Skinning::network) take_network_weights(device, commands, networks, frame);

@@ -1,5 +1,5 @@
-// The avatar's surface as a mesh: triangles of the baked distances' zero set in canonical space, with the skinning weights of
-// their vertices. It can be posed and drawn for a fraction of what a search along every ray costs (knob `surface`).
+// The avatar's surface as a mesh: triangles of its zero set in canonical space, with the skinning weights of their vertices. It
+// can be posed and drawn for a fraction of what a search along every ray costs (knob `surface`).
 #pragma once
 
 #include <array>
@@ -13,6 +13,12 @@
 
 namespace arah {
 
+// Of the largest connected part's vertices: smaller parts float about and hardly show in volume rendering.
+inline constexpr double least_part = 0.01;
+
+// The zero set of baked distances by surface nets, a little smoothed, without its small loose parts: what pictures are drawn of.
+TriangleMesh smooth_net(const FieldSamples<float>& distances);
+
 class SurfaceMesh {
  public:
   // What taking the network's weights needs for a while.
@@ -22,9 +28,9 @@ class SurfaceMesh {
     Buffer points, posed, weights;
   };
 
-  // The zero set of the distances without its small loose parts, with the weights of the skinning network as it is packed now (or those of the template's
+  // A mesh in canonical space with the weights of the skinning network as it is packed now (or those of the template's
   // nearest vertices, where the avatar follows these). frame: any pose's constants. Submits.
-  SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, const FieldSamples<float>& distances, const BufferSlice& frame);
+  SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, TriangleMesh mesh, const BufferSlice& frame);
 
   // What the centre of each pixel sees of it, row-major, top left first.
   // outline: metres that the mesh is drawn farther out than the surface that its places belong to, because volume rendering

@@ -68,7 +68,7 @@ TEST_F(BakedSurface, IsWhereTheNetworkSays) {
   EXPECT_LT(between, 2e-6);  // float32 places in a grid of metres
   EXPECT_LT(baked.evaluated(), baked.samples().values.size() / 3);
 
-  const SurfaceMesh mesh(device, commands, networks, avatar, baked.samples(), frame.constants());
+  const SurfaceMesh mesh(device, commands, networks, avatar, smooth_net(baked.samples()), frame.constants());
   std::vector<std::array<float, 4>> corners;
   for (const glm::dvec3& p : mesh.canonical().vertices) corners.push_back({static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z), 1});
   double off = 0;
