@@ -26,7 +26,10 @@ void check(const SkinnedModel& model) {
   same("normals", model.normals.size(), count);
   same("texture coordinates", model.uvs.size(), model.texture_png.empty() ? 0 : count);
   if (!model.colors.empty()) same("colours", model.colors.size(), count);
-  for (const auto& corrective : model.correctives) same("offsets", corrective.offsets.size(), count);
+  for (const auto& corrective : model.correctives) {
+    same("offsets", corrective.offsets.size(), count);
+    if (!corrective.normal_offsets.empty()) same("normals' offsets", corrective.normal_offsets.size(), count);
+  }
   if (model.joints.empty()) {
     if (!model.weights.empty() || !model.poses.empty()) throw std::invalid_argument("a model that moves needs joints for its vertices");
     return;
@@ -191,6 +194,7 @@ std::vector<std::uint8_t> skinned_glb(const SkinnedModel& model) {
   tinygltf::Value::Array names;
   for (const SkinnedModel::Corrective& corrective : model.correctives) {
     primitive.targets.push_back({{"POSITION", append_positions(&file, corrective.offsets)}});
+    if (!corrective.normal_offsets.empty()) primitive.targets.back()["NORMAL"] = append_vectors(&file, corrective.normal_offsets);
     mesh.weights.push_back(0);
     names.emplace_back(corrective.name);
   }

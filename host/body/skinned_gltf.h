@@ -23,7 +23,8 @@ struct SkinnedModel {
   // Offsets of all vertices in the bind pose, added in proportion to a weight before the skin moves them.
   struct Corrective {
     std::string name;
-    std::vector<glm::vec3> offsets;  // [V]
+    std::vector<glm::vec3> offsets;         // [V]
+    std::vector<glm::vec3> normal_offsets;  // [V], or none
   };
 
   std::string name;

@@ -26,7 +26,8 @@ struct ExportOptions {
   std::string format, colors;
   std::optional<int> frame, color_frame;
   int every = 1, count = 0, texture_size = 1024;
-  std::size_t points = 0;
+  std::size_t points = 0, triangles = 0;
+  bool largest_part = false;
   uint64_t seed = 0;
   double cell = 0.008, fps = 25;
   std::optional<double> outline;
@@ -52,6 +53,15 @@ std::vector<MotionFrame> exported_frames(const ExportOptions& options, const Cho
   return frames;
 }
 
+MeshSettings mesh_settings(const ExportOptions& options, const Avatar& avatar) {
+  MeshSettings settings;
+  settings.cell = options.cell;
+  settings.outline = options.outline.value_or(0) * density_scale(avatar);
+  if (options.largest_part) settings.least_part = 1;
+  settings.most_triangles = options.triangles;
+  return settings;
+}
+
 int export_glb(const ExportOptions& options, const Avatar& avatar, const ChosenMotion& motion, const std::vector<ExportedFrame>& frames) {
   ModelSettings settings;
   settings.colors = options.colors == "none" ? MeshColors::none : options.colors == "vertex" ? MeshColors::vertex : MeshColors::texture;
@@ -64,7 +74,7 @@ int export_glb(const ExportOptions& options, const Avatar& avatar, const ChosenM
   settings.frames_per_second = options.fps;
   Device device(options.device);
   Progress progress("export", 1.0, "");
-  MeshExtraction extraction(device, avatar, options.cell, options.outline.value_or(0) * density_scale(avatar));
+  MeshExtraction extraction(device, avatar, mesh_settings(options, avatar));
   ModelReport report;
   const SkinnedModel model = skinned_model(extraction, avatar, frames, settings, report, [&](double part) { progress.update(0.5 + 0.5 * part); });
   write_file_safely(options.out, skinned_glb(model));
@@ -78,7 +88,7 @@ int export_meshes(const ExportOptions& options, const Avatar& avatar, const std:
   if (single && frames.size() > 1) throw InputError(options.out.string(), "", "--frame with a single file, or a folder with --format " + format, fmt::format("{} frames", frames.size()));
   if (!single) make_folder(options.out);
   Device device(options.device);
-  MeshExtraction extraction(device, avatar, options.cell, options.outline.value_or(0) * density_scale(avatar));
+  MeshExtraction extraction(device, avatar, mesh_settings(options, avatar));
   Progress progress("export", double(frames.size()), "frames");
   const Interrupt interrupt;
   for (std::size_t f = 0; f < frames.size(); ++f) {
@@ -128,6 +138,8 @@ void add_export_command(CLI::App& program, Run& run) {
   command->add_option("--every", options->every, "take every so-many-th frame of the motion")->check(CLI::Range(1, 1000000))->capture_default_str()->excludes(frame);
   command->add_option("--count", options->count, "frames, at most (default: all)")->check(CLI::Range(1, 1000000));
   command->add_option("--cell", options->cell, "metres: the surface is meshed on cubes of this edge; half of it gives four times as many triangles")->check(CLI::Range(0.001, 0.1))->capture_default_str();
+  command->add_option("--triangles", options->triangles, "at most so many triangles: the mesh of --cell is simplified where that changes it least (default: all of them)")->check(CLI::Range(std::size_t{16}, std::size_t{100'000'000}));
+  command->add_flag("--largest", options->largest_part, "the largest connected part of the surface alone (else without parts of less than 1 % of it)");
   command->add_option("--outline", options->outline, "the mesh lies so many b (the scale of the density) outside of the surface (default: in a .glb what gives each place the outline that renderings show, 1 to 3; else 0: the surface itself)")->check(CLI::Range(0.0, 10.0));
   command->add_option("--colors", options->colors, "texture (a .glb's default), vertex (else) or none")->check(CLI::IsMember({"texture", "vertex", "none"}));
   command->add_option("--texture-size", options->texture_size, "columns and rows of the texture")->check(CLI::Range(64, 8192))->capture_default_str();

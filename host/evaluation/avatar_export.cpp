@@ -89,8 +89,15 @@ void add_correctives(SkinnedModel& model, MeshExtraction& extraction, const Surf
   for (const ExportedFrame& frame : frames) poses.push_back(frame.pose), rows.push_back(frame.latent_row);
   ShapeCorrectives found = shape_correctives(extraction, mesh, poses, rows, most);
   for (const std::vector<double>& displacement : found.displacements) {
-    model.correctives.push_back({fmt::format("shape_{}", model.correctives.size()), {}});
-    for (std::size_t v = 0; v < displacement.size(); ++v) model.correctives.back().offsets.emplace_back(displacement[v] * mesh.normals()[v]);
+    model.correctives.push_back({fmt::format("shape_{}", model.correctives.size()), {}, {}});
+    std::vector<glm::dvec3> moved(model.vertices.begin(), model.vertices.end());
+    for (std::size_t v = 0; v < displacement.size(); ++v) {
+      model.correctives.back().offsets.emplace_back(displacement[v] * mesh.normals()[v]);
+      moved[v] += displacement[v] * mesh.normals()[v];
+    }
+    // With a weight of 1; glTF adds normals' changes in proportion to the weight and programs make the sum a unit vector.
+    const std::vector<glm::dvec3> normals = vertex_normals(moved, model.triangles);
+    for (std::size_t v = 0; v < normals.size(); ++v) model.correctives.back().normal_offsets.emplace_back(glm::vec3(normals[v]) - model.normals[v]);
   }
   if (!found.displacements.empty()) model.corrective_weights = std::move(found.weights);
   report.correctives = model.correctives.size();
@@ -119,6 +126,7 @@ SkinnedModel skinned_model(MeshExtraction& extraction, const Avatar& avatar, con
   model.normals = in_floats(mesh.normals());
   model.triangles = mesh.canonical().triangles;
   report = {};
+  report.simplified = extraction.simplification_error();
   if (settings.outlined) {
     const std::vector<double> farther = extraction.outlines();
     for (size_t v = 0; v < farther.size(); ++v) {
@@ -154,7 +162,10 @@ SkinnedModel skinned_model(MeshExtraction& extraction, const Avatar& avatar, con
     model.normals = copied(model.normals, atlas->vertices);
     model.joints = copied(model.joints, atlas->vertices);
     model.weights = copied(model.weights, atlas->vertices);
-    for (SkinnedModel::Corrective& corrective : model.correctives) corrective.offsets = copied(corrective.offsets, atlas->vertices);
+    for (SkinnedModel::Corrective& corrective : model.correctives) {
+      corrective.offsets = copied(corrective.offsets, atlas->vertices);
+      corrective.normal_offsets = copied(corrective.normal_offsets, atlas->vertices);
+    }
     model.triangles = atlas->triangles;
     model.uvs = atlas->uvs;
     report.charts = atlas->charts;
@@ -167,6 +178,7 @@ SkinnedModel skinned_model(MeshExtraction& extraction, const Avatar& avatar, con
 
 std::string describe(const ModelReport& report) {
   std::string text = fmt::format("{} triangles, {} vertices", report.triangles, report.vertices);
+  if (report.simplified > 0) text += fmt::format(", up to {:.2f} mm off the mesh before it was simplified", 1000 * report.simplified);
   if (report.charts) text += fmt::format("; texture: {} charts, {:.1f} mm a texel", report.charts, 1000 * report.texel);
   if (report.correctives) text += fmt::format("; {} morph targets, which leave {:.2f} mm of the frames' shapes in the mean, {:.1f} mm at most", report.correctives, 1000 * report.mean_left, 1000 * report.most_left);
   if (report.mean_outline > 0) text += fmt::format("; {:.1f} mm outside of the surface in the mean, where renderings have their outline", 1000 * report.mean_outline);

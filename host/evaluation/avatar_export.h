@@ -36,6 +36,7 @@ struct ModelSettings {
 struct ModelReport {
   std::size_t vertices = 0, triangles = 0, charts = 0;
   double texel = 0;                      // metres, its edge where the surface faces its chart's way
+  double simplified = 0;                 // metres that the surface moved by for fewer triangles
   std::size_t correctives = 0;
   double mean_left = 0, most_left = 0;   // metres that frames' shapes are off the file's, beside skinning
   double mean_outline = 0;               // metres that vertices moved out for `outlined`

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "host/evaluation/marched_mesh.h"
+#include "host/evaluation/mesh_simplification.h"
 
 namespace arah {
 namespace {
@@ -27,8 +28,8 @@ double laplace_density(double f, double b) { return f > 0 ? 0.5 / b * std::exp(-
 
 }  // namespace
 
-MeshExtraction::MeshExtraction(Device& device, const Avatar& avatar, double cell, double outline, double least_kept)
-    : device_(device), avatar_(avatar), commands_(device), networks_(device, avatar, false), body_(device, avatar.body), field_(device, networks_, distances_at_a_time, 1, {.capacity = point_padding}, false), cell_(cell), outline_(outline), least_kept_(least_kept), baked_(device, avatar, std::ldexp(cell, halvings_from(least_rough_cell, cell))) {
+MeshExtraction::MeshExtraction(Device& device, const Avatar& avatar, const MeshSettings& settings)
+    : device_(device), avatar_(avatar), commands_(device), networks_(device, avatar, false), body_(device, avatar.body), field_(device, networks_, distances_at_a_time, 1, {.capacity = point_padding}, false), settings_(settings), baked_(device, avatar, std::ldexp(settings.cell, halvings_from(least_rough_cell, settings.cell))) {
   require_surface(avatar.spec, "meshes of the surface");
 }
 
@@ -45,9 +46,12 @@ const SurfaceMesh& MeshExtraction::mesh(const Pose& pose, std::size_t latent_row
   const bool same = mesh_ && (!new_row || avatar_.spec.sdf.conditioning == SdfConditioning::none) && (!new_pose || avatar_.spec.sdf.pose == PoseConditioning::none);
   if (same) return *mesh_;
   baked_.bake(commands_, field_, frame_->constants());
-  const SurfaceCells cells = surface_cells(baked_.samples(), halvings_from(baked_.samples().cell, cell_), outline_, [&](std::span<const glm::dvec3> points) { return distances_as_packed(points); });
+  const SurfaceCells cells = surface_cells(baked_.samples(), halvings_from(baked_.samples().cell, settings_.cell), settings_.outline, [&](std::span<const glm::dvec3> points) { return distances_as_packed(points); });
   evaluated_ = baked_.evaluated() + cells.evaluated;
-  mesh_.emplace(device_, commands_, networks_, avatar_, without_small_parts(marched_mesh(device_, commands_, cells), least_kept_), frame_->constants());
+  SimplifiedMesh meshed{without_small_parts(marched_mesh(device_, commands_, cells), settings_.least_part), 0};
+  if (settings_.most_triangles) meshed = simplified(meshed.mesh, settings_.most_triangles);
+  simplification_error_ = meshed.error;
+  mesh_.emplace(device_, commands_, networks_, avatar_, std::move(meshed.mesh), frame_->constants());
   return *mesh_;
 }
 

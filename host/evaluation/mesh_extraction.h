@@ -15,12 +15,17 @@
 
 namespace arah {
 
+struct MeshSettings {
+  double cell = 0.008;            // metres, the edge of the cubes that the surface is cut by, at most (marched_mesh.h)
+  double outline = 0;             // metres outside of the surface, where the mesh lies
+  double least_part = arah::least_part;  // of the largest connected part's vertices; smaller parts are left out. 1: the largest alone
+  std::size_t most_triangles = 0;  // 0: all (mesh_simplification.h)
+};
+
 class MeshExtraction {
  public:
-  // cell: metres, the edge of the cubes that the surface is cut by, at most (marched_mesh.h). outline: metres outside of the
-  // surface, where the mesh lies. least_kept: of the largest connected part's vertices; smaller parts are left out. Throws InputError
-  // for an avatar that has no surface.
-  MeshExtraction(Device& device, const Avatar& avatar, double cell, double outline = 0, double least_kept = least_part);
+  // Throws InputError for an avatar that has no surface.
+  MeshExtraction(Device& device, const Avatar& avatar, const MeshSettings& settings);
 
   // By marching cubes on the device. Of a pose and a row of codes; stays until the next call, and is made anew only where the SDF follows what has changed.
   const SurfaceMesh& mesh(const Pose& pose, std::size_t latent_row);
@@ -35,10 +40,12 @@ class MeshExtraction {
   // all τ = √(2πRb) e^(−d/b) / 2b, and alpha is ½ where τ is ln 2. So d = b ln(τ₀ / ln 2), with τ₀ the optical depth along the tangent
   // at the vertex that leaves the body soonest: 1 to 3 b. 0 at least; in hollows what a radius of 15 cm gives at most.
   std::vector<double> outlines() const;
-  double outline() const { return outline_; }  // metres
+  double outline() const { return settings_.outline; }  // metres
   std::vector<glm::vec3> colors(std::span<const glm::vec3> points, std::span<const glm::vec3> normals, std::span<const glm::mat4> transforms);
 
-  uint64_t evaluated() const { return evaluated_; }  // points that the network was asked for by the last mesh that was made
+  // Of the last mesh that was made: metres that having fewer triangles moved it by, and points that the network was asked for.
+  double simplification_error() const { return simplification_error_; }
+  uint64_t evaluated() const { return evaluated_; }
 
  private:
   std::vector<double> distances_as_packed(std::span<const glm::dvec3> points);
@@ -49,8 +56,9 @@ class MeshExtraction {
   AvatarNetworks networks_;
   TemplateOnDevice body_;
   Field field_;  // of distances alone
-  double cell_, outline_, least_kept_;
+  MeshSettings settings_;
   BakedDistances baked_;  // rough: cubes of 6 to 12 mm
+  double simplification_error_ = 0;
   uint64_t evaluated_ = 0;
   std::optional<FrameOnDevice> frame_;
   std::optional<SurfaceMesh> mesh_;

@@ -102,7 +102,10 @@ bool has_surface(const Capture& capture, const std::string& split) { return !fra
 std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, const Capture& capture, const std::string& split, const SurfaceSettings& settings, const std::function<void(double)>& progress) {
   const auto frames = frames_with_surface(capture, split);
   if (frames.empty()) throw InputError((capture.path / "meshes").string(), "", fmt::format("{}_<frame>.ply, the true surface of some frame", split), "none", "Without the true surface leave --surface out.");
-  MeshExtraction extraction(device, avatar, settings.cell, 0, settings.largest_part ? 1 : least_part);
+  MeshSettings meshing;
+  meshing.cell = settings.cell;
+  if (settings.largest_part) meshing.least_part = 1;
+  MeshExtraction extraction(device, avatar, meshing);
   std::vector<SurfaceError> errors;
   for (const auto& [frame, path] : frames) {
     if (progress) progress(double(errors.size()) / double(frames.size()));

@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include "host/capture/synthetic_capture.h"
+#include "host/evaluation/mesh_extraction.h"
 #include "host/evaluation/timed_launches.h"
 #include "host/rendering/renderer.h"
 #include "host/training/template_fit.h"
@@ -141,6 +142,7 @@ class Works {
     AvatarSpec simple = preset_spec("tiny");
     simple.skinning = {Skinning::template_weights, 0, 0};
     picture("picture, template weights", "64 samples around surfaces, no skinning network", fitted(simple, papers), "paper");
+    mesh("surface mesh", plain, 0.004);
     return std::move(benches_);
   }
 
@@ -183,6 +185,16 @@ class Works {
     const MotionFrame& frame = motion_of(capture_, "train").frames.front();
     benches_.push_back(measure_work(device_, name, fmt::format("{0} x {0} pixels, {1}", settings_.picture_size, description), 1, settings_.repetitions, settings_.repetitions,
                                     [&] { renderer.render(camera, frame.pose, latent_row(avatar, frame.number)); }));
+  }
+
+  // From the network to the mesh with its skinning weights.
+  void mesh(const std::string& name, const Avatar& avatar, double cell) {
+    start(name);
+    const MotionFrame& frame = motion_of(capture_, "train").frames.front();
+    MeshSettings meshing;
+    meshing.cell = cell;
+    benches_.push_back(measure_work(device_, name, fmt::format("marching cubes of {:g} mm, asked for from coarse to fine, and skinning weights", 1000 * cell), 1, settings_.repetitions, settings_.repetitions,
+                                    [&] { MeshExtraction(device_, avatar, meshing).mesh(frame.pose, latent_row(avatar, frame.number)); }));
   }
 
   Device& device_;

@@ -40,8 +40,10 @@ SkinnedModel strip() {
   }
   model.texture_png = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   for (const char* name : {"wide", "long"}) {
-    model.correctives.push_back({name, {}});
+    model.correctives.push_back({name, {}, {}});
     for (int i = 0; i < 42; ++i) model.correctives.back().offsets.emplace_back(random(0.02), random(0.02), random(0.02));
+    if (model.correctives.size() == 2)  // one with normals, one without
+      for (int i = 0; i < 42; ++i) model.correctives.back().normal_offsets.emplace_back(random(0.1), random(0.1), random(0.1));
   }
   model.motion = "wave";
   model.frames_per_second = 20;
@@ -66,6 +68,8 @@ TEST(SkinnedGltfTest, IsValidAndMovesAsTheFormulaSays) {
   EXPECT_EQ(file.json["nodes"][2]["name"], "bone_2");
   EXPECT_EQ(file.json["meshes"][0]["extras"]["targetNames"], nlohmann::json({"wide", "long"}));
   EXPECT_EQ(file.json["animations"][0]["name"], "wave");
+  EXPECT_FALSE(file.primitive()["targets"][0].contains("NORMAL"));
+  EXPECT_EQ(file.vectors(file.primitive()["targets"][1]["NORMAL"])[7], glm::dvec3(model.correctives[1].normal_offsets[7]));
 
   const CanonicalPose bind{model.rest_to_bind};
   double worst = 0;

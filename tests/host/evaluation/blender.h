@@ -12,10 +12,11 @@ struct BlenderMesh {
   std::vector<glm::uvec3> triangles;
 };
 
-// The meshes after import at whole frames, 24 a second, from 0 on; none where there is no `blender` on the PATH. Throws
+// The meshes after import at whole frames, 24 a second, from 0 on; none where there is no `blender` on the PATH, or no NumPy, which its
+// glTF add-on needs. Throws
 // std::runtime_error with Blender's words where it fails.
 inline std::optional<std::vector<BlenderMesh>> blender_meshes(const std::filesystem::path& glb, int frames, const std::filesystem::path& folder) {
-  if (!output_of("command -v blender")) return {};
+  if (!output_of("command -v blender && python3 -c 'import numpy'")) return {};
   std::ofstream(folder / "import.py") << R"(
 import bpy, struct, sys, numpy
 if not hasattr(numpy, 'bool'): numpy.bool = bool  # the add-on of Debian's Blender 3.4 meets a NumPy that has dropped the name

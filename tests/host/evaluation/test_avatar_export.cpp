@@ -40,7 +40,7 @@ class AvatarExport : public DeviceTest {
 TEST_F(AvatarExport, HasTheSilhouetteAndTheColoursOfItsRendering) {
   const Avatar avatar = sharp_capsule();
   const std::vector<ExportedFrame> frames = ten_frames(avatar.body.skeleton);
-  MeshExtraction extraction(device, avatar, 0.01);
+  MeshExtraction extraction(device, avatar, {.cell = 0.01});
   ModelSettings settings;
   settings.animated = true;
   settings.outlined = true;
@@ -79,7 +79,7 @@ TEST_F(AvatarExport, HasTheSilhouetteAndTheColoursOfItsRendering) {
 TEST_F(AvatarExport, StandsUprightInTheFile) {
   const Avatar avatar = sharp_capsule();
   const std::vector<ExportedFrame> frames = ten_frames(avatar.body.skeleton);
-  MeshExtraction extraction(device, avatar, 0.03);
+  MeshExtraction extraction(device, avatar, {.cell = 0.03});
   ModelSettings settings;
   settings.animated = true;
   settings.z_up = true;
@@ -101,7 +101,7 @@ TEST_F(AvatarExport, FollowsTheShapeByMorphTargets) {
   let_the_pose_show(avatar, 2e-3f, generator);
   std::vector<ExportedFrame> frames = ten_frames(avatar.body.skeleton);
   for (size_t f = 5; f < 10; ++f) frames[f].latent_row = 0;  // another code, another shape
-  MeshExtraction extraction(device, avatar, 0.008);  // the mesh itself is off by h² / 8 R at most: 0.06 mm
+  MeshExtraction extraction(device, avatar, {.cell = 0.008});  // the mesh itself is off by h² / 8 R at most: 0.06 mm
   ModelSettings settings;
   settings.animated = true;
   settings.texture_size = 256;
@@ -134,7 +134,7 @@ TEST_F(AvatarExport, FollowsTheShapeByMorphTargets) {
 TEST_F(AvatarExport, HasTheSameSilhouetteInBlender) {
   const Avatar avatar = sharp_capsule();
   const std::vector<ExportedFrame> frames = ten_frames(avatar.body.skeleton);
-  MeshExtraction extraction(device, avatar, 0.01);
+  MeshExtraction extraction(device, avatar, {.cell = 0.01});
   ModelSettings settings;
   settings.animated = settings.outlined = settings.z_up = true;
   settings.frames_per_second = 24;
@@ -143,7 +143,7 @@ TEST_F(AvatarExport, HasTheSameSilhouetteInBlender) {
   const std::vector<std::uint8_t> bytes = skinned_glb(skinned_model(extraction, avatar, frames, settings, report));
   const TemporaryFolder folder;
   const auto meshes = blender_meshes(folder.write("capsule.glb", {bytes.begin(), bytes.end()}), 10, folder.path());
-  if (!meshes) GTEST_SKIP() << "there is no blender on the PATH";
+  if (!meshes) GTEST_SKIP() << "there is no blender with NumPy on the PATH";
   const GlbReader file(bytes);
   Renderer renderer(device, avatar, render_preset(avatar, "paper"));
   const Camera camera = capsule_camera(120, 140);
@@ -169,7 +169,7 @@ TEST_F(AvatarExport, TakesWhatSkinningThereIs) {
     AvatarSpec spec = small_paper_spec();
     spec.skinning = {kind, 0, 0};
     const Avatar avatar = capsule_avatar(device, spec);
-    MeshExtraction extraction(device, avatar, 0.03);
+    MeshExtraction extraction(device, avatar, {.cell = 0.03});
     const std::vector<ExportedFrame> frames{{bent_pose(avatar.body.skeleton), 0}};
     ModelSettings settings;
     settings.animated = true;
@@ -188,7 +188,7 @@ TEST_F(AvatarExport, TakesWhatSkinningThereIs) {
 // What the vertices show is what the renderer shows, whose colours follow view and normal too.
 TEST_F(AvatarExport, PosedMeshesHaveTheFieldsColours) {
   const Avatar avatar = sharp_capsule();
-  MeshExtraction extraction(device, avatar, 0.01);
+  MeshExtraction extraction(device, avatar, {.cell = 0.01});
   const ExportedFrame frame{bent_pose(avatar.body.skeleton), 0};
   const ColoredMesh mesh = posed_mesh(extraction, frame, true);
   ASSERT_EQ(mesh.colors.size(), mesh.vertices.size());
@@ -215,7 +215,7 @@ TEST_F(AvatarExport, WithoutASurfaceIsRefused) {
   spec.sdf.kind = FieldKind::density;
   const Pose pose = rest_pose(capsule_body().skeleton);
   const Avatar avatar = make_avatar(spec, capsule_body(), {0}, 1, &pose);
-  EXPECT_THROW(MeshExtraction(device, avatar, 0.02), InputError);
+  EXPECT_THROW(MeshExtraction(device, avatar, {.cell = 0.02}), InputError);
 }
 
 }  // namespace
