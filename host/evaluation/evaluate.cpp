@@ -246,6 +246,9 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
         {"diverged", counts.diverged},
         {"exhausted", counts.exhausted},
         {"steps", counts.steps},
+        {"rescued_by_newton", counts.newton},
+        {"rescued_from_bones", counts.restarted},
+        {"rescue_evaluations", counts.rescue_evaluations},
         {"least_found_percent", percent(least_found(evaluation))}}},
       {"seconds", evaluation.seconds},
       {"surface", surface},
@@ -279,7 +282,8 @@ Report evaluation_report(std::vector<Evaluation> evaluations, const Avatar& avat
             "{} searches, {:.2f} % converged{}, {} diverged, {} out of steps", counts.points,
             100.0 * static_cast<double>(counts.converged) / static_cast<double>(std::max<uint64_t>(counts.points, 1)),
             least_found(evaluation) ? fmt::format(" ({:.2f} % in the worst picture)", 100 * *least_found(evaluation)) : "",
-            counts.diverged, counts.exhausted));
+            counts.diverged, counts.exhausted) +
+            (counts.rescue_evaluations ? fmt::format("; {} of them rescued by damped Newton, {} from other starts, in {} evaluations", counts.newton, counts.restarted, counts.rescue_evaluations) : ""));
     std::move(evaluation.rows.begin(), evaluation.rows.end(), std::back_inserter(report.rows));
   }
   return report;

@@ -70,7 +70,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                     const std::function<bool(double)>& progress = {});
 
 // {"mean": {"psnr", "ssim", "ssim_data_range_2", "lpips"}, "spread": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim", "ssim_data_range_2", "found_percent", "lpips"}], "lpips_network", "protocol_name", "split", "protocol", "avatar", "capture",
-// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ..., "least_found_percent" (of a picture)}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm", "chamfer_cm2", "normal_consistency", "normal_consistency_of_the_paper", "f_score_5mm"}], "surface_mean": the same without "frame", "surface_settings": {"cell_mm", "largest_part", "ground": [a, b, c, d] or null}, "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
+// "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ..., "rescued_by_newton", "rescued_from_bones", "rescue_evaluations", "least_found_percent" (of a picture)}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm", "chamfer_cm2", "normal_consistency", "normal_consistency_of_the_paper", "f_score_5mm"}], "surface_mean": the same without "frame", "surface_settings": {"cell_mm", "largest_part", "ground": [a, b, c, d] or null}, "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
 // "after"} with refined poses}; what is not
 // defined, such as the PSNR of identical pictures, is null, and "lpips" and "lpips_network" are there only where it was measured. avatar_path: as the user knows it.
 std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, const std::string& avatar_path,

@@ -54,6 +54,7 @@ std::vector<Knobs> single_knobs(const SamplingSettings& exact, const AvatarSpec&
   knob("root_tolerance", {"1e-4", "1e-3"});
   knob("root_max_iterations", {"12", "6", "4"});
   knob("root_initialisations", {"2", "3"});
+  knob("root_rescue_steps", {"20"});
   knob("root_correspondence", {"search_from_grid", "grid", "grid_alone"});
   knob("least_weight", {"0", "1e-4", "1e-3", "1e-2", "3e-2"});
   knob("color_groups", {"4", "2", "1"});

@@ -53,7 +53,7 @@ RayCamera ray_camera(const Camera& camera) {
 
 RaySamples::RaySamples(Device& device, AvatarNetworks& networks, uint32_t capacity_rays, const SamplingSettings& settings)
     : device_(device), settings_(settings), capacity_rays_(padded_points(capacity_rays)),
-      capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples, settings.root.initialisations) {
+      capacity_pixels_(std::max(capacity_rays_, 16384u)), finder_(device, networks, capacity_rays_ * settings.samples, settings.root) {
   const uint64_t rays = capacity_pixels_, rows = padded_points(capacity_rays_ * settings.samples);
   auto make = [&](const char* what, uint64_t bytes) {
     Buffer buffer(device, std::string("samples: ") + what, bytes, BufferPlace::device);

@@ -98,6 +98,10 @@ const std::vector<Knob>& knobs() {
        [](const Settings& s) { return Json(s.sampling->root.max_iterations); }},
       {"root_initialisations", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.initialisations = static_cast<uint32_t>(number(n, v, 1, 8, true)); },
        [](const Settings& s) { return Json(s.sampling->root.initialisations); }},
+      {"root_rescue_steps", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.rescue_steps = static_cast<uint32_t>(number(n, v, 0, 1000, true)); },
+       [](const Settings& s) { return Json(s.sampling->root.rescue_steps); }},
+      {"root_rescue_bones", [](Settings& s, const std::string& n, const std::string& v) { s.sampling->root.rescue_bones = static_cast<uint32_t>(number(n, v, 0, 8, true)); },
+       [](const Settings& s) { return Json(s.sampling->root.rescue_bones); }},
       {"root_correspondence",
        [](Settings& s, const std::string& n, const std::string& v) {
          s.sampling->root.correspondence = word(n, v, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone});

@@ -28,6 +28,8 @@ namespace arah {
 //   root_tolerance [1e-5]  metres, of a correspondence's residual
 //   root_max_iterations [50]  of a correspondence's search
 //   root_initialisations [1]  2 to 8: starts of a correspondence's search, the least distance of their roots is kept
+//   root_rescue_steps [0]  of damped Newton with the exact Jacobian, for points whose search found no root, from each start
+//   root_rescue_bones [2]  of these starts: so many nearest bones, after the best place so far
 //   root_correspondence [search]  search_from_grid, grid, grid_alone: what the frame's grid of roots is good for
 //   color_groups [0]  0: a colour for each sample; else one for each of so many groups of equal weight of a ray's samples
 //   least_weight [0]  samples whose compositing weight is at most this stay black

@@ -32,7 +32,7 @@ const char* to_string(Correspondence correspondence) {
   return "search";
 }
 
-PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t initialisations)
+PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, const RootFindingSettings& most)
     : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
   const uint64_t vec4_bytes = uint64_t(capacity_) * 16;
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) { return Buffer(device, std::string("root search: ") + what, bytes, place); };
@@ -61,7 +61,8 @@ PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint3
   search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
   state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point, false));
   state_ = {state_buffer_.slice(), capacity_, Unknowns::point, false};
-  if (initialisations <= 1) return;
+  if (most.rescue_steps > 0) rescue_.emplace(device, networks, capacity_);
+  if (most.initialisations <= 1) return;
   sdf_tape_.emplace(device, "root search: distances at roots", networks.sdf_shape(), capacity_, SirenTape::Holds::values, Element::float32, false);
   found_ = make("roots from another start", vec4_bytes);
   kept_sdf_ = make("least distances of roots", capacity_ * 4ull);
@@ -81,8 +82,26 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   if (networks_.spec().skinning.kind == Skinning::template_weights) return solve_by_template(commands, frame, points, targets, canonical);
   if (networks_.spec().skinning.kind == Skinning::backward) return solve_backward(commands, frame, points, targets, canonical);
   const bool from_grid = settings.correspondence != Correspondence::search && frame.correspondences() && frame.correspondences()->solved();
-  if (settings.initialisations > 1 && !from_grid) return search_from_several(commands, frame, points, targets, canonical, settings);
-  search(commands, frame, points, targets, canonical, settings, {});
+  const RootFindingCounts before = counts_;
+  if (settings.initialisations > 1 && !from_grid) search_from_several(commands, frame, points, targets, canonical, settings);
+  else search(commands, frame, points, targets, canonical, settings, {});
+  const bool all_found = counts_.converged - before.converged == counts_.points - before.points;
+  if (settings.rescue_steps == 0 || all_found) return;
+  if (!rescue_) throw std::invalid_argument("root search with a rescue in room for none");
+  rescue_->counts = {};
+  rescue_->solve(commands, frame, points, targets, canonical, settings.rescue_steps, settings.rescue_bones, settings.tolerance);
+  counts_.newton += rescue_->counts.newton;
+  counts_.restarted += rescue_->counts.restarted;
+  counts_.rescue_evaluations += rescue_->counts.evaluations;
+  found_late(rescue_->counts.newton + rescue_->counts.restarted, before);
+}
+
+// Points that count as not found since `before` have been found after all.
+void PointRootFinder::found_late(uint64_t points, const RootFindingCounts& before) {
+  const uint64_t of_exhausted = std::min(points, counts_.exhausted - before.exhausted);
+  counts_.converged += points;
+  counts_.exhausted -= of_exhausted;
+  counts_.diverged -= points - of_exhausted;
 }
 
 void PointRootFinder::search_from_several(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings) {
@@ -116,13 +135,9 @@ void PointRootFinder::search_from_several(Commands& commands, FrameOnDevice& fra
   commands.submit_and_wait();
   WorkCount with_root{};
   device_.download(count_[0].slice(), &with_root, sizeof with_root);
-  uint64_t rescued = with_root.count - (counts.converged - before.converged);
   counts.steps = counts_.steps;
-  counts.converged += rescued;
-  const uint64_t of_exhausted = std::min(rescued, counts.exhausted - before.exhausted);
-  counts.exhausted -= of_exhausted;
-  counts.diverged -= rescued - of_exhausted;
   counts_ = counts;
+  found_late(with_root.count - (counts.converged - before.converged), before);
 }
 
 void PointRootFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings,

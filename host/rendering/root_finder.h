@@ -6,6 +6,7 @@
 
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/frame_on_device.h"
+#include "host/rendering/root_rescue.h"
 #include "kernels/tracing/broyden_state.h"
 #include "shaders/shared/tracing.h"
 
@@ -29,6 +30,10 @@ struct RootFindingSettings {
   // as in SNARF, whose paper this one follows without saying; all are roots to the tolerance, so that residuals tell nothing.
   // A point whose search begins in the grid has that one start; the grid's nodes have these.
   uint32_t initialisations = 1;
+  // Points whose search ended without a root are searched again by damped Newton, so many steps from the best iterate and from what each of
+  // the nearest rescue_bones bones alone would make of the point (root_rescue.h). 0 steps: they are dropped, as in the paper.
+  uint32_t rescue_steps = 0;
+  uint32_t rescue_bones = 2;
   // Whether sphere tracing begins where a ray enters the template's shell (SphereTracing::from_shell) and not at the body's box.
   bool trace_from_shell = false;
   float trace_tolerance = 1e-5f;  // metres, of the distance at which sphere tracing leaves the rest to the joint search
@@ -37,20 +42,21 @@ struct RootFindingSettings {
 // What became of the searches since the last reset.
 struct RootFindingCounts {
   uint64_t points = 0, steps = 0, converged = 0, diverged = 0, exhausted = 0;  // converged: those from the grid as well
+  uint64_t newton = 0, restarted = 0, rescue_evaluations = 0;  // of those converged: rescued from the best iterate, from a bone's start (root_rescue.h)
 };
 
 
 // Point-wise search: for each target, x̂ with LBS(x̂) = target, from the nearest posed vertex.
 class PointRootFinder {
  public:
-  // capacity: points at a time. initialisations: the most that a search will ask for.
-  PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, uint32_t initialisations = 1);
+  // capacity: points at a time. most: what searches will ask for; of it initialisations, and whether there are rescue_steps.
+  PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, const RootFindingSettings& most = {});
 
   // targets: vec4 by point (posed space, w > 0: wanted). canonical: vec4 by point, w = 1 found, 0 not.
   // Records into commands and submits: on return the work is done.
   // With template weights the nearest vertex decides and every wanted point counts as found; without skinning x̂ = target.
   // With several starts the networks' SDF decides, as it is packed now. Throws std::invalid_argument for more starts than there is
-  // room for. The frame's grid is read where it has one and the settings want it (correspondence_grid.h).
+  // room for, or a rescue that there is no room for. The frame's grid is read where it has one and the settings want it (correspondence_grid.h).
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
   uint32_t capacity() const { return capacity_; }
@@ -73,6 +79,7 @@ class PointRootFinder {
  private:
   // From the nearest vertex or what the grid says, or from the bone of that rank.
   void search(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings, std::optional<uint32_t> bone);
+  void found_late(uint64_t points, const RootFindingCounts& before);
   void search_from_several(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings);
   // A network gives the weights at the targets.
   void solve_backward(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical);
@@ -85,6 +92,7 @@ class PointRootFinder {
   RootFindingCounts counts_;
   std::optional<DenseTape> tape_;
   BufferSlice targets_;
+  std::optional<RootRescue> rescue_;
   std::optional<SirenTape> sdf_tape_;  // with several starts, as the next
   Buffer found_, kept_sdf_, bone_segments_;
   BroydenState state_;

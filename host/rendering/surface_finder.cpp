@@ -5,9 +5,6 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "kernels/skinning/jacobian.h"
-#include "kernels/skinning/lbs.h"
-#include "kernels/skinning/lbs_backward.h"
 #include "kernels/tracing/broyden_finish.h"
 #include "kernels/tracing/broyden_start.h"
 #include "kernels/tracing/broyden_step.h"
@@ -50,11 +47,7 @@ SurfaceFinder::SurfaceFinder(Device& device, AvatarNetworks& networks, uint32_t 
   const bool joint = networks.spec().skinning.kind == Skinning::network;
   sdf_tape_.emplace(device, "surface search: sdf", networks.sdf_shape(), capacity_, joint ? SirenTape::Holds::gradient : SirenTape::Holds::values);
   if (!joint) return;
-  skinning_tape_.emplace(device, "surface search: skinning", networks.skinning_shape(), capacity_, true);
-  skinned_ = make("skinned points", vec4_each);
-  transforms_ = make("transforms", vec4_each * 3);
-  jacobians_ = make("Jacobians", vec4_each * 3);
-  for (Buffer& gradient : skinning_gradients_) gradient = make("row of the Jacobian", uint64_t(capacity_) * channel_padding * 4);
+  skinning_.emplace(device, networks, capacity_, "surface search");
   search_counts_ = make("counts", sizeof(shared::SearchCounts), BufferPlace::shared);
   state_buffer_ = make("state", BroydenState::bytes(capacity_, Unknowns::point_and_depth, false));
   state_ = {state_buffer_.slice(), capacity_, Unknowns::point_and_depth, false};
@@ -82,46 +75,6 @@ void SurfaceFinder::record_sdf(Commands& commands, FrameOnDevice& frame, const R
   record_normalise_inputs(commands, {rows, frame.constants(), at, sdf_tape_->input()});
   networks_.sdf().record_forward(commands, *sdf_tape_, rows.range, gradient);
   if (gradient) networks_.sdf().record_gradient(commands, *sdf_tape_, rows.range, false);
-}
-
-void SurfaceFinder::record_skinning(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool jacobian) {
-  DenseNetwork& network = networks_.skinning();
-  record_normalise_inputs(commands, {rows, frame.constants(), at, skinning_tape_->input()});
-  network.record_forward(commands, *skinning_tape_, rows.range);
-  LbsArgs lbs;
-  lbs.tree = &networks_.tree();
-  lbs.rows = rows;
-  lbs.logits = skinning_tape_->output();
-  lbs.frame = frame.constants();
-  lbs.canonical = at;
-  lbs.posed = skinned_.slice();
-  if (jacobian) lbs.transforms = transforms_.slice();
-  record_lbs(commands, lbs);
-  if (!jacobian) return;
-
-  LbsBackwardArgs back;
-  back.tree = lbs.tree;
-  back.rows = rows;
-  back.logits = lbs.logits;
-  back.frame = lbs.frame;
-  back.canonical = at;
-  back.d_logits = skinning_tape_->output_gradient();
-  JacobianArgs result;
-  result.range = rows.range;
-  result.frame = lbs.frame;
-  result.transforms = transforms_.slice();
-  result.jacobians = jacobians_.slice();
-  for (uint32_t i = 0; i < 3; ++i) {
-    back.component = i;
-    record_lbs_backward(commands, back);
-    DenseNetwork::Backward through;
-    through.weight_gradients = false;
-    through.input_gradient = true;
-    through.input_gradient_result = {skinning_gradients_[i].slice(), channel_padding, 0};
-    network.record_backward(commands, *skinning_tape_, rows.range, through);
-    result.gradients[i] = through.input_gradient_result;
-  }
-  record_jacobian(commands, result);
 }
 
 void SurfaceFinder::trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing, float tolerance) {
@@ -161,18 +114,18 @@ void SurfaceFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t ra
   commands.stage("joint search");
   Rows rows = rows_of(rays, start);
   record_sdf(commands, frame, rows, starts_.slice(), true);
-  record_skinning(commands, frame, rows, starts_.slice(), true);
+  skinning_->record(commands, frame, rows, starts_.slice(), true);
   BroydenStartArgs first;
   first.rows = rows;
   first.state = state_;
   first.frame = frame.constants();
   first.starts = starts_.slice();
-  first.posed = skinned_.slice();
-  first.transforms = transforms_.slice();
+  first.posed = skinning_->posed();
+  first.transforms = skinning_->transforms();
   first.surface = {ray_list, sdf_tape_->sdf()};
   first.depths = trace_.slice();
   first.sdf_gradients = sdf_tape_->gradient();
-  first.jacobians = jacobians_.slice();
+  first.jacobians = skinning_->jacobians();
   first.active = active_.slice();
   first.max_iterations = settings.max_iterations;
   record_broyden_start(commands, first);
@@ -184,12 +137,12 @@ void SurfaceFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t ra
     for (const uint32_t end = std::min(iteration + batch, settings.max_iterations); iteration < end; ++iteration) {
       rows = rows_of(rays, *from);
       record_sdf(commands, frame, rows, state_.iterates(), false);
-      record_skinning(commands, frame, rows, state_.iterates(), false);
+      skinning_->record(commands, frame, rows, state_.iterates(), false);
       BroydenStepArgs step;
       step.rows = rows;
       step.state = state_;
       step.frame = frame.constants();
-      step.posed = skinned_.slice();
+      step.posed = skinning_->posed();
       step.surface = {ray_list, sdf_tape_->sdf()};
       step.active = active_.slice();
       step.max_iterations = settings.max_iterations;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "host/rendering/avatar_networks.h"
+#include "host/rendering/forward_skinning.h"
 #include "host/rendering/frame_on_device.h"
 #include "host/rendering/root_finder.h"
 #include "kernels/tracing/broyden_state.h"
@@ -58,7 +59,6 @@ class SurfaceFinder {
   void record_compaction(Commands& commands, const Rows& rows, Buffer& flags, Queue& to);
   void trace(Commands& commands, FrameOnDevice& frame, uint32_t rays, const SphereTracing& tracing, float tolerance);
   void record_sdf(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool gradient);
-  void record_skinning(Commands& commands, FrameOnDevice& frame, const Rows& rows, const BufferSlice& at, bool jacobian);
   void search(Commands& commands, FrameOnDevice& frame, uint32_t rays, const BufferSlice& ray_list, Queue& start, const RootFindingSettings& settings);
 
   Device& device_;
@@ -66,13 +66,11 @@ class SurfaceFinder {
   uint32_t capacity_;
   SurfaceFindingCounts counts_;
   std::optional<SirenTape> sdf_tape_;
-  std::optional<DenseTape> skinning_tape_;
+  std::optional<ForwardSkinning> skinning_;  // of the joint search
   BroydenState state_;
   Queue queues_[2], in_box_;
   Buffer trace_, posed_, candidates_, active_, scratch_, starts_, nearest_, canonical_, depths_;
-  // of the joint search
-  Buffer state_buffer_, skinned_, transforms_, jacobians_, search_counts_;
-  std::array<Buffer, 3> skinning_gradients_;
+  Buffer state_buffer_, search_counts_;  // of the joint search
 };
 
 }  // namespace arah

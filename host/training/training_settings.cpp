@@ -54,6 +54,8 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("root_max_iterations", s.sampling.root.max_iterations);
   visit("root_tolerance", s.sampling.root.tolerance);
   visit("root_initialisations", s.sampling.root.initialisations);
+  visit("root_rescue_steps", s.sampling.root.rescue_steps);
+  visit("root_rescue_bones", s.sampling.root.rescue_bones);
   visit("root_correspondence", s.sampling.root.correspondence);
   visit("grid_steps", s.grid_steps);
   visit("view_augmentation", s.view_augmentation);
@@ -268,6 +270,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
   if (settings.sampling.mode == SamplingMode::surface && settings.sampling.samples < least)
     throw InputError(where, "samples", fmt::format("at least {} with sampling_mode surface", least), fmt::format("{}", settings.sampling.samples));
   if (settings.sampling.root.initialisations < 1 || settings.sampling.root.initialisations > 8) throw InputError(where, "root_initialisations", "from 1 to 8", fmt::format("{}", settings.sampling.root.initialisations));
+  if (settings.sampling.root.rescue_steps > 1000 || settings.sampling.root.rescue_bones > 8)
+    throw InputError(where, "root_rescue_steps, root_rescue_bones", "at most 1000 and 8", fmt::format("{}, {}", settings.sampling.root.rescue_steps, settings.sampling.root.rescue_bones));
   // A frame's grid of roots would hold what an SDF said that is gone when a training is resumed.
   if (settings.sampling.root.initialisations > 1 && settings.sampling.root.correspondence != Correspondence::search)
     throw InputError(where, "root_initialisations", "1 where root_correspondence is not search", fmt::format("{}", settings.sampling.root.initialisations));

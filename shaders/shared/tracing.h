@@ -84,6 +84,18 @@ struct BroydenFinishConstants {
   uint capacity;
 };
 
+struct DampedNewtonConstants {
+  uint row_limit;
+  float tolerance;  // metres
+};
+
+// Of damped Newton searches; added to by each step.
+struct DampedNewtonCounts {
+  uint evaluations;  // of points
+  uint found;        // points
+  uint searching;    // points whose search goes on
+};
+
 // What became of the points of a root search; added to by each.
 struct SearchCounts {
   uint steps;      // taken by all points together

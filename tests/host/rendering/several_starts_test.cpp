@@ -26,7 +26,9 @@ TEST_F(SeveralStartsOfAvatars, FindAllThatOneFindsAndTheLeastDistance) {
   FrameOnDevice frame(device, avatar, body, pose, {});
   networks.record_pack(commands, 0, {});
   constexpr uint32_t points = 3000;
-  PointRootFinder finder(device, networks, points, 4);
+  RootFindingSettings most;
+  most.initialisations = 4;
+  PointRootFinder finder(device, networks, points, most);
   // Over the posed body's box.
   std::vector<float> targets = uniform(4 * padded_points(points), 0, 1);
   for (uint32_t p = 0; p < padded_points(points); ++p) {
