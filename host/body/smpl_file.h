@@ -19,8 +19,13 @@ struct SmplBody {
 // Whether the file's name says that it is such a file (.npz, .pkl).
 bool is_smpl_file(const std::filesystem::path& path);
 
+// How many directions of the shape are kept: those that fits of the family state.
+inline constexpr std::size_t kSmplShapes = 10;
+
 // The model in the shape `betas` (the first coefficients; all others are 0): vertices v_template + shapedirs betas, joints
-// J_regressor times these, each vertex's four largest weights, made to sum to 1. Pose blend shapes (posedirs) are left out:
+// J_regressor times these, each vertex's four largest weights, made to sum to 1. The first kSmplShapes directions, or as many
+// as the file has, are body.shape ("beta_0", …) with the joints' through J_regressor, at β = betas; what `betas` says of others
+// is in the base. Normals are of the mesh in that shape. Pose blend shapes (posedirs) are left out:
 // a rig here moves by linear skinning alone. Throws InputError naming file and field: missing or of other shapes than the
 // family's, numbers that are not finite, more betas than the file has, faces or weights that make no rig.
 SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const double> betas = {});

@@ -29,7 +29,7 @@ struct SmallModel {
   }
   std::string npz(bool deflate_them) const {
     return python::npz({{"v_template", python::npy({vertices, 3}, rest)},
-                        {"shapedirs", python::npy({vertices, 3, 2}, directions)},
+                        {"shapedirs", python::npy({vertices, 3, shapes}, directions)},
                         {"posedirs", python::npy({1, 3, 207}, std::vector<double>(621, 0.1))},
                         {"J_regressor", python::npy({joints, vertices}, regressor)},
                         {"weights", python::npy({vertices, joints}, weights)},
@@ -59,14 +59,14 @@ struct SmallModel {
     const std::string kind = by_rows ? "csr" : "csc";
     return python::pickle(python::dictionary(
         {{"v_template", python::array({vertices, 3}, rest)},
-         {"shapedirs", python::instance("chumpy.ch", "Ch", python::dictionary({{"x", python::array({vertices, 3, 2}, directions)}, {"_dirty_vars", python::call(python::name("__builtin__", "set"), {python::list({python::text("x")})})}}))},
+         {"shapedirs", python::instance("chumpy.ch", "Ch", python::dictionary({{"x", python::array({vertices, 3, shapes}, directions)}, {"_dirty_vars", python::call(python::name("__builtin__", "set"), {python::list({python::text("x")})})}}))},
          {"J_regressor", python::instance("scipy.sparse." + kind, kind + "_matrix", sparse)},
          {"weights", python::array({vertices, joints}, weights)},
          {"f", python::array("u4", {faces.size() / 3, 3}, python::bytes(python::raw(faces)))},
          {"kintree_table", python::array("u4", {2, joints}, python::bytes(python::raw(tree)))},
          {"bs_type", python::text("lrotmin")}}));
   }
-  std::size_t joints, vertices;
+  std::size_t joints, vertices, shapes = 2;
   std::vector<double> rest, directions, regressor, weights;
   std::vector<std::uint32_t> faces, tree;
 };

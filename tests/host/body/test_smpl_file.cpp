@@ -40,10 +40,56 @@ TEST(SmplFile, GivesTheSameRigFromArchivesAndPickles) {
     EXPECT_EQ(body.joints[47][0], 23);
     EXPECT_EQ(read.notes.size(), path.extension() == ".npz" ? 2u : 1u);
     EXPECT_THAT(read.notes[0], testing::HasSubstr("1 of 48 vertices have more than four joints: the smallest weights are left out, 10.00 %"));
+    // The shape goes on from there: its directions move vertices and, through the regressor, joints.
+    EXPECT_EQ(plain.shape.beta, (std::vector<double>{0, 0}));
+    EXPECT_EQ(body.shape.beta, (std::vector<double>{0.5, -0.2}));
+    EXPECT_EQ(body.shape.names, (std::vector<std::string>{"beta_0", "beta_1"}));
+    EXPECT_TRUE(body.shape.moves_joints());
+    for (std::size_t j = 0; j < 24; ++j) {
+      EXPECT_EQ(body.shape.joint_offsets[0][j], glm::dvec3(0.1, 0, 0));
+      EXPECT_LT(glm::length(body.shape.joint_offsets[1][j] - glm::dvec3(0, 0.1 * static_cast<double>(j), 0.3)), 1e-12);
+    }
+    BodyTemplate moved = body;
+    set_shape(moved, {-1, 0.75});
+    const BodyTemplate stated = read_smpl_body(path, std::vector<double>{-1, 0.75}).body;
+    for (std::size_t v = 0; v < moved.vertices.size(); ++v) EXPECT_LT(glm::length(moved.vertices[v] - stated.vertices[v]), 1e-6f);
+    for (std::size_t j = 0; j < 24; ++j) EXPECT_LT(glm::length(moved.skeleton.rest_joints[j] - stated.skeleton.rest_joints[j]), 1e-6);
+    EXPECT_EQ(read_body_template_bytes(body.glb, "glb").shape.beta, body.shape.beta);
+    // Normals are those of the mesh in its shape.
+    std::vector<glm::dvec3> sums(body.vertices.size(), glm::dvec3(0.0));
+    for (const glm::uvec3& t : body.triangles) {
+      const glm::dvec3 a(body.vertices[t.x]), b(body.vertices[t.y]), c(body.vertices[t.z]);
+      for (int k = 0; k < 3; ++k) sums[t[k]] += glm::cross(b - a, c - a);
+    }
+    for (std::size_t v = 0; v < sums.size(); ++v) EXPECT_LT(glm::length(glm::dvec3(body.normals[v]) - glm::normalize(sums[v])), 1e-4) << v;
     // What it writes is a body like any other.
     write_body_template(folder / "body.glb", body);
     EXPECT_EQ(read_body_template(folder / "body.glb").vertices, body.vertices);
   }
+}
+
+TEST(SmplFile, KeepsTenDirectionsOfTheShapeAndTakesTheOthersAsTheyAreStated) {
+  const TemporaryFolder folder;
+  SmallModel model;
+  model.shapes = 13;
+  model.directions.clear();
+  for (std::size_t v = 0; v < model.vertices; ++v)
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      for (std::size_t b = 0; b < model.shapes; ++b) model.directions.push_back(axis == b % 3 ? 0.01 * static_cast<double>(b + 1) : 0.0);
+  std::vector<double> betas(12, 0.0);
+  betas[3] = 2;
+  betas[11] = 1;
+  const BodyTemplate body = read_smpl_body(folder.write("a.npz", model.npz(true)), betas).body;
+  ASSERT_EQ(body.shape.size(), 10u);
+  EXPECT_EQ(body.shape.beta, (std::vector<double>{0, 0, 0, 2, 0, 0, 0, 0, 0, 0}));
+  for (std::size_t v = 0; v < body.vertices.size(); ++v) {
+    const double x = 0.05 * static_cast<double>(v);
+    const glm::vec3 rest(static_cast<float>(x), v % 2 ? 1.2f : 1.0f, static_cast<float>(0.01 * x * x));
+    EXPECT_LT(glm::length(body.shape.base_vertices[v] - rest - glm::vec3(0, 0, 0.12f)), 1e-6f);  // beta 11 moves z by 0.12
+    EXPECT_LT(glm::length(body.vertices[v] - rest - glm::vec3(0.08f, 0, 0.12f)), 1e-6f);         // beta 3 moves x by 0.04
+  }
+  EXPECT_LT(glm::length(body.skeleton.rest_joints[5] - glm::dvec3(body.vertices[10])), 1e-6);
+  EXPECT_LT(glm::length(body.shape.joint_offsets[9][7] - glm::dvec3(0.1, 0, 0)), 1e-12);
 }
 
 TEST(SmplFile, KnowsHandsAndFaces) {
