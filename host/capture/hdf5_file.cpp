@@ -2,8 +2,10 @@
 
 #include <fmt/ranges.h>
 #include <hdf5.h>
+#include <zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <mutex>
@@ -39,35 +41,14 @@ class Hdf5Handle {
 struct Hdf5Array {
   Hdf5Handle data, type;
   std::vector<hsize_t> shape;
+  // Where it is stored in chunks: their shape, and the filters that made them, in that order.
+  std::vector<hsize_t> chunk;
+  std::vector<H5Z_filter_t> filters;
 };
 
 namespace {
 
 constexpr H5Z_filter_t kLzfFilter = 32000;  // as h5py registered it
-constexpr std::size_t kLzfChunkBytes = 2;   // which of its numbers is the plain size of a chunk
-constexpr std::size_t kMostCacheBytes = 256'000'000;
-constexpr hsize_t kCacheSlots = 12421;  // a prime well above the chunks of a frame
-
-// h5py's filter. It packs nothing, which leaves chunks of an optional filter plain. HDF5 takes a chunk to have its full size
-// whatever a filter gives, so exactly that is given.
-std::size_t lzf_filter(unsigned flags, std::size_t count, const unsigned numbers[], std::size_t packed, std::size_t* size, void** buffer) {
-  if (!(flags & H5Z_FLAG_REVERSE) || count <= kLzfChunkBytes) return 0;
-  const std::size_t plain = numbers[kLzfChunkBytes];
-  if (plain == 0 || plain > kMostHdf5ChunkBytes) return 0;
-  try {
-    const std::vector<std::uint8_t> bytes = unpack_lzf({static_cast<const std::uint8_t*>(*buffer), packed}, plain);
-    if (bytes.size() != plain) return 0;
-    void* unpacked = H5allocate_memory(plain, false);
-    if (!unpacked) return 0;
-    std::memcpy(unpacked, bytes.data(), plain);
-    H5free_memory(*buffer);
-    *buffer = unpacked;
-    *size = plain;
-    return plain;
-  } catch (const std::bad_alloc&) {
-    return 0;  // the library is C
-  }
-}
 
 // The library speaks through its results alone, for this thread, and loads no code for filters that it lacks.
 void quiet_hdf5() {
@@ -75,8 +56,6 @@ void quiet_hdf5() {
   std::call_once(once, [] {
     H5open();
     H5PLset_loading_state(0);
-    const H5Z_class2_t lzf{H5Z_CLASS_T_VERS, kLzfFilter, 1, 1, "lzf", nullptr, nullptr, lzf_filter};
-    H5Zregister(&lzf);
   });
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
 }
@@ -96,33 +75,30 @@ std::string hdf5_reason() {
 
 std::string shape_text(const std::vector<hsize_t>& shape) { return shape.empty() ? "a single value" : fmt::format("{}", fmt::join(shape, "x")); }
 
-// How the array is stored: in this file, in pieces of a bounded size, by filters that are known here.
-void check_storage(hid_t properties, std::size_t element_bytes, std::size_t rank, const std::string& where, const std::string& name) {
+// How the array is stored: in this file, in chunks of a bounded size, by filters that are undone here.
+void read_storage(hid_t properties, Hdf5Array& array, const std::string& where, const std::string& name) {
   const H5D_layout_t layout = H5Pget_layout(properties);
   if ((layout != H5D_COMPACT && layout != H5D_CONTIGUOUS && layout != H5D_CHUNKED) || H5Pget_external_count(properties) != 0) {
     throw InputError(where, name, "an array that lies in the file itself", "one that refers to other files");
   }
   if (layout != H5D_CHUNKED) return;
-  std::vector<hsize_t> chunk(rank, 0);
-  double bytes = static_cast<double>(element_bytes);
-  const int axes = H5Pget_chunk(properties, static_cast<int>(rank), chunk.data());
-  for (const hsize_t length : chunk) bytes *= static_cast<double>(length);
-  if (axes != static_cast<int>(rank) || !(bytes >= 1 && bytes <= static_cast<double>(kMostHdf5ChunkBytes))) {
-    throw InputError(where, name, fmt::format("chunks of at most {} bytes", kMostHdf5ChunkBytes), shape_text(chunk));
+  array.chunk.resize(array.shape.size(), 0);
+  double bytes = static_cast<double>(H5Tget_size(array.type));
+  const int axes = H5Pget_chunk(properties, static_cast<int>(array.chunk.size()), array.chunk.data());
+  for (const hsize_t length : array.chunk) bytes *= static_cast<double>(length);
+  if (axes != static_cast<int>(array.chunk.size()) || !(bytes >= 1 && bytes <= static_cast<double>(kMostHdf5ChunkBytes))) {
+    throw InputError(where, name, fmt::format("chunks of at most {} bytes", kMostHdf5ChunkBytes), shape_text(array.chunk));
   }
   const int filters = H5Pget_nfilters(properties);
   for (int f = 0; f < filters; ++f) {
-    unsigned flags = 0, numbers[8] = {};
-    std::size_t count = 8;
+    unsigned flags = 0;
+    std::size_t count = 0;
     char words[64] = {};
-    const H5Z_filter_t filter = H5Pget_filter2(properties, static_cast<unsigned>(f), &flags, &count, numbers, sizeof words, words, nullptr);
-    const bool lzf = filter == kLzfFilter;
-    if (lzf && (count <= kLzfChunkBytes || numbers[kLzfChunkBytes] != bytes)) {
-      throw InputError(where, name, fmt::format("chunks of {} bytes under LZF", bytes), fmt::format("{}", numbers[kLzfChunkBytes]));
-    }
-    if (!lzf && filter != H5Z_FILTER_DEFLATE && filter != H5Z_FILTER_SHUFFLE && filter != H5Z_FILTER_FLETCHER32) {
+    const H5Z_filter_t filter = H5Pget_filter2(properties, static_cast<unsigned>(f), &flags, &count, nullptr, sizeof words, words, nullptr);
+    if (filter != kLzfFilter && filter != H5Z_FILTER_DEFLATE && filter != H5Z_FILTER_SHUFFLE) {
       throw InputError(where, name, "data that is plain or compressed by deflate (gzip) or LZF", fmt::format("filter {} '{:.40}'", filter, words), "h5repack -f GZIP=4 rewrites it.");
     }
+    array.filters.push_back(filter);
   }
 }
 
@@ -148,8 +124,71 @@ Hdf5Array open_array(hid_t file, const std::string& where, const std::string& na
     axes.push_back(expected[a] < 0 ? "N" : fmt::format("{}", expected[a]));
   }
   if (!fits) throw InputError(where, name, fmt::format("an array of {}", fmt::join(axes, "x")), shape_text(array.shape));
-  check_storage(properties, H5Tget_size(array.type), array.shape.size(), where, name);
+  read_storage(properties, array, where, name);
   return array;
+}
+
+// What a filter made of `size` bytes, made into them again; empty where it is not so many.
+std::vector<std::uint8_t> undone(H5Z_filter_t filter, std::vector<std::uint8_t> bytes, std::size_t size, std::size_t element_bytes) {
+  if (filter == kLzfFilter) return unpack_lzf(bytes, size);
+  std::vector<std::uint8_t> plain(size);
+  if (filter == H5Z_FILTER_DEFLATE) {
+    uLongf given = size;
+    if (uncompress(plain.data(), &given, bytes.data(), bytes.size()) != Z_OK || given != size) return {};
+    return plain;
+  }
+  if (bytes.size() != size) return {};
+  const std::size_t count = size / element_bytes;  // shuffled: the first bytes of all elements, then the second ones, …
+  for (std::size_t b = 0; b < element_bytes; ++b) {
+    for (std::size_t i = 0; i < count; ++i) plain[i * element_bytes + b] = bytes[b * count + i];
+  }
+  return plain;
+}
+
+// The chunk that begins at `place`, as plain elements; empty where none was ever written. The library's own reading of chunks
+// trusts that filters give as much as a chunk has, so that they are taken as they are stored.
+std::vector<std::uint8_t> read_chunk(const Hdf5Array& array, const hsize_t* place, std::size_t size, const std::string& where, const std::string& field) {
+  hsize_t stored = 0;
+  haddr_t address = HADDR_UNDEF;
+  unsigned mask = 0;
+  if (H5Dget_chunk_info_by_coord(array.data, place, &mask, &address, &stored) < 0) throw InputError(where, field, "a chunk that can be read", hdf5_reason(), "Copy it again.");
+  if (address == HADDR_UNDEF) return {};
+  // Deflate and LZF add a little to what they cannot compress.
+  if (stored > 2 * size + 64) throw InputError(where, field, fmt::format("a chunk of at most {} bytes", 2 * size + 64), fmt::format("{}", stored));
+  std::vector<std::uint8_t> bytes(stored);
+  std::uint32_t skipped = 0;
+  if (H5Dread_chunk(array.data, H5P_DEFAULT, place, &skipped, bytes.data()) < 0) throw InputError(where, field, "a chunk that can be read", hdf5_reason(), "Copy it again.");
+  for (std::size_t f = array.filters.size(); f-- > 0;) {
+    if (f >= 32 || (skipped >> f & 1) == 0) bytes = undone(array.filters[f], std::move(bytes), size, H5Tget_size(array.type));
+  }
+  if (bytes.size() != size) throw InputError(where, field, fmt::format("a chunk of {} bytes", size), "one that is damaged", "Copy it again.");
+  return bytes;
+}
+
+// Rows `first` to `first` + `count` of an array in chunks with up to three axes, `first` being where chunks begin. What was never
+// written is 0.
+void read_rows(const Hdf5Array& array, std::size_t first, std::size_t count, std::uint8_t* out, const std::string& where, const std::string& field) {
+  const std::size_t element = H5Tget_size(array.type);
+  std::array<std::size_t, 3> shape{1, 1, 1}, chunk{1, 1, 1}, at{};
+  std::copy(array.shape.begin(), array.shape.end(), shape.begin());
+  std::copy(array.chunk.begin(), array.chunk.end(), chunk.begin());
+  std::memset(out, 0, count * shape[1] * shape[2] * element);
+  for (at[0] = first; at[0] < first + count; at[0] += chunk[0]) {
+    for (at[1] = 0; at[1] < shape[1]; at[1] += chunk[1]) {
+      for (at[2] = 0; at[2] < shape[2]; at[2] += chunk[2]) {
+        const hsize_t place[3] = {at[0], at[1], at[2]};
+        const std::vector<std::uint8_t> bytes = read_chunk(array, place, chunk[0] * chunk[1] * chunk[2] * element, where, field);
+        if (bytes.empty()) continue;
+        const std::size_t length = std::min(chunk[2], shape[2] - at[2]) * element;
+        for (std::size_t i = at[0]; i < std::min(at[0] + chunk[0], first + count); ++i) {
+          for (std::size_t j = at[1]; j < std::min(at[1] + chunk[1], shape[1]); ++j) {
+            const std::size_t from = ((i - at[0]) * chunk[1] + j - at[1]) * chunk[2] * element;
+            std::memcpy(out + (((i - first) * shape[1] + j) * shape[2] + at[2]) * element, bytes.data() + from, length);
+          }
+        }
+      }
+    }
+  }
 }
 
 }  // namespace
@@ -158,6 +197,9 @@ struct Hdf5File::Handles {
   Hdf5Handle file;
   Hdf5Array frames;
   std::string frames_name;
+  // Frames whose chunks were read last.
+  std::vector<std::uint8_t> rows;
+  std::size_t first_row = 0, row_count = 0;
 };
 
 Hdf5File::Hdf5File(const std::filesystem::path& path) : where_(path.string()), handles_(std::make_unique<Handles>()) {
@@ -184,7 +226,12 @@ std::vector<double> Hdf5File::numbers(const std::string& name, const std::vector
     count *= length;
   }
   std::vector<double> numbers(count, 0.0);
-  if (H5Dread(array.data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers.data()) < 0) throw InputError(where_, name, "an array that can be read", hdf5_reason(), "Copy it again.");
+  if (count > 0 && !array.chunk.empty()) {
+    read_rows(array, 0, array.shape[0], reinterpret_cast<std::uint8_t*>(numbers.data()), where_, name);
+    if (H5Tconvert(array.type, H5T_NATIVE_DOUBLE, count, numbers.data(), nullptr, H5P_DEFAULT) < 0) throw InputError(where_, name, "numbers", hdf5_reason());
+  } else if (H5Dread(array.data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers.data()) < 0) {
+    throw InputError(where_, name, "an array that can be read", hdf5_reason(), "Copy it again.");
+  }
   for (const double number : numbers) {
     if (!std::isfinite(number)) throw InputError(where_, name, "finite numbers", fmt::format("{}", number));
   }
@@ -202,17 +249,12 @@ Hdf5File::Frames Hdf5File::open_frames(const std::string& name, int largest) {
   if (shape[0] > kMostHdf5Frames || shape[1] < 1 || shape[2] < 1 || shape[1] > most || shape[2] > most) {
     throw InputError(where_, name, fmt::format("at most {} frames of 1 to {} pixels each way", kMostHdf5Frames, largest), shape_text(shape));
   }
-  // Chunks hold several frames; those that a frame lies in are kept for the next ones.
-  const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose), properties(H5Dget_create_plist(array.data), H5Pclose);
-  if (H5Pget_layout(properties) == H5D_CHUNKED) {
-    hsize_t chunk[3] = {1, 1, 1};
-    H5Pget_chunk(properties, 3, chunk);
-    std::size_t bytes = chunk[0];
-    for (int a = 1; a < 3; ++a) bytes *= (shape[static_cast<std::size_t>(a)] + chunk[a] - 1) / chunk[a] * chunk[a];
-    H5Pset_chunk_cache(access, kCacheSlots, std::clamp(bytes, std::size_t{1} << 20, kMostCacheBytes), 1.0);
-    array.data = Hdf5Handle(H5Dopen2(handles_->file, name.c_str(), access), H5Dclose);
-    if (array.data < 0) throw InputError(where_, name, "an array", hdf5_reason());
+  if (!array.chunk.empty()) {
+    // Chunks hold several frames, which are all kept while the frames are read one by one.
+    const double bytes = static_cast<double>(std::min(array.chunk[0], shape[0])) * static_cast<double>(shape[1] * shape[2]);
+    if (bytes > static_cast<double>(kMostHdf5RowBytes)) throw InputError(where_, name, fmt::format("frames that are stored together of at most {} bytes", kMostHdf5RowBytes), fmt::format("{:.0f}", bytes));
   }
+  handles_->row_count = 0;
   handles_->frames = std::move(array);
   handles_->frames_name = name;
   return {shape[0], static_cast<int>(shape[1]), static_cast<int>(shape[2])};
@@ -224,6 +266,19 @@ void Hdf5File::frame(std::size_t number, std::span<std::uint8_t> pixels) const {
   const std::string field = fmt::format("{} frame {}", handles_->frames_name, number);
   const hsize_t start[3] = {number, 0, 0}, count[3] = {1, array.shape.at(1), array.shape.at(2)};
   if (number >= array.shape[0] || pixels.size() != count[1] * count[2]) throw std::invalid_argument(fmt::format("{}: no such frame, or a buffer of another size", field));
+  if (!array.chunk.empty()) {
+    Handles& kept = *handles_;
+    if (number < kept.first_row || number >= kept.first_row + kept.row_count) {
+      kept.row_count = 0;  // where the next line throws
+      const std::size_t first = number / array.chunk[0] * array.chunk[0], rows = std::min<std::size_t>(array.chunk[0], array.shape[0] - first);
+      kept.rows.resize(rows * pixels.size());
+      read_rows(array, first, rows, kept.rows.data(), where_, field);
+      kept.first_row = first;
+      kept.row_count = rows;
+    }
+    std::copy_n(kept.rows.begin() + static_cast<std::ptrdiff_t>((number - kept.first_row) * pixels.size()), pixels.size(), pixels.begin());
+    return;
+  }
   const Hdf5Handle space(H5Dget_space(array.data), H5Sclose), memory(H5Screate_simple(2, count + 1, nullptr), H5Sclose);
   if (H5Sselect_hyperslab(space, H5S_SELECT_SET, start, nullptr, count, nullptr) < 0 ||
       H5Dread(array.data, array.type, memory, space, H5P_DEFAULT, pixels.data()) < 0) {

@@ -1,6 +1,6 @@
 // Arrays of numbers in HDF5 files that may be anything, through HDF5's own library. Reads what lies in the file itself as
-// simple arrays of integers and reals, plain or compressed by deflate or h5py's LZF; links to other files, virtual datasets,
-// other filters and the library's plugins are refused. One call at a time.
+// simple arrays of integers and reals, plain or compressed by deflate or h5py's LZF, which are undone here; links to other files,
+// virtual datasets, other filters and the library's plugins are refused. One call at a time.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +16,7 @@ namespace arah {
 inline constexpr std::size_t kMostHdf5Numbers = 16'000'000;
 inline constexpr std::size_t kMostHdf5Frames = 1'000'000;
 inline constexpr std::size_t kMostHdf5ChunkBytes = 64'000'000;
+inline constexpr std::size_t kMostHdf5RowBytes = 512'000'000;  // of frames in the same chunks
 
 class Hdf5File {
  public:

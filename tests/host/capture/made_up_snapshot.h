@@ -67,16 +67,37 @@ class Hdf5Writer {
   void write(const char* name, const std::vector<hsize_t>& shape, const std::vector<double>& values) const {
     write(name, H5T_IEEE_F32LE, shape, H5T_NATIVE_DOUBLE, values.data());
   }
+  // The same in one chunk for every two rows, compressed by LZF, as they are published.
+  void write_packed(const char* name, const std::vector<hsize_t>& shape, const std::vector<double>& values) const {
+    std::vector<hsize_t> chunk = shape;
+    chunk[0] = std::min<hsize_t>(2, chunk[0]);
+    const hid_t space = H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr), properties = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_chunk(properties, static_cast<int>(chunk.size()), chunk.data());
+    const std::size_t row = values.size() / shape[0];
+    const unsigned numbers[3] = {4, 0x0105, static_cast<unsigned>(8 * row)};
+    H5Pset_filter(properties, 32000, H5Z_FLAG_OPTIONAL, 3, numbers);
+    const hid_t data = H5Dcreate2(file_, name, H5T_IEEE_F32LE, space, H5P_DEFAULT, properties, H5P_DEFAULT);
+    for (std::size_t r = 0; r < shape[0]; r += 2) {
+      std::vector<float> some(chunk[0] * row, 0.0f);
+      for (std::size_t i = 0; i < some.size() && r * row + i < values.size(); ++i) some[i] = static_cast<float>(values[r * row + i]);
+      const std::string packed = packed_lzf(python::raw(some));
+      const hsize_t at[2] = {r, 0};
+      EXPECT_GE(H5Dwrite_chunk(data, H5P_DEFAULT, 0, at, packed.size(), packed.data()), 0);
+    }
+    H5Dclose(data);
+    H5Pclose(properties);
+    H5Sclose(space);
+  }
   // [frame][row][column] in chunks of 2 x 40 x 48, and int8, which the published masks are, where they are compressed by LZF.
-  void write_masks(const std::vector<cv::Mat>& masks, Hdf5Packing packing, unsigned lzf_bytes = 2 * 40 * 48) const {
+  void write_masks(const std::vector<cv::Mat>& masks, Hdf5Packing packing) const {
     const hsize_t shape[3] = {masks.size(), static_cast<hsize_t>(masks[0].rows), static_cast<hsize_t>(masks[0].cols)}, chunk[3] = {2, 40, 48};
     std::string bytes;
     for (const cv::Mat& mask : masks) bytes.append(mask.ptr<char>(), mask.total());
     if (packing == Hdf5Packing::plain) return write("masks", H5T_STD_U8LE, {shape[0], shape[1], shape[2]}, H5T_NATIVE_UINT8, bytes.data());
     const hid_t space = H5Screate_simple(3, shape, nullptr), properties = H5Pcreate(H5P_DATASET_CREATE);
     H5Pset_chunk(properties, 3, chunk);
-    const unsigned numbers[3] = {4, 0x0105, lzf_bytes};
-    if (packing == Hdf5Packing::deflate) H5Pset_deflate(properties, 4);
+    const unsigned numbers[3] = {4, 0x0105, 2 * 40 * 48};  // versions, and a chunk's bytes
+    if (packing == Hdf5Packing::deflate) H5Pset_shuffle(properties), H5Pset_deflate(properties, 4);
     else H5Pset_filter(properties, 32000, H5Z_FLAG_OPTIONAL, 3, numbers);
     const hid_t data = H5Dcreate2(file_, "masks", packing == Hdf5Packing::lzf ? H5T_STD_I8LE : H5T_STD_U8LE, space, H5P_DEFAULT, properties, H5P_DEFAULT);
     EXPECT_GE(data, 0);
@@ -150,9 +171,9 @@ struct MadeUpSnapshot {
     std::vector<double> all, trans;
     for (const std::vector<double>& pose : poses) all.insert(all.end(), pose.begin(), pose.end());
     for (const std::vector<double>& place : places) trans.insert(trans.end(), place.begin(), place.end());
-    file.write("pose", {poses.size(), 72}, all);
-    file.write("trans", {places.size(), 3}, trans);
-    file.write("betas", {10}, betas);
+    file.write_packed("pose", {poses.size(), 72}, all);
+    file.write_packed("trans", {places.size(), 3}, trans);
+    file.write_packed("betas", {10}, betas);
   }
   // Without a codec the frames lie in image/ instead, and it says so.
   void write_video(const std::filesystem::path& path, int frames) const {

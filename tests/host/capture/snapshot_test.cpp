@@ -149,6 +149,25 @@ TEST(Snapshot, IsTheSameFromEachWayOfStoringIt) {
   expect_input_error([&] { import_capture(settings); }, {"mask: expected a file for each frame", "none for 9"});
 }
 
+TEST(Hdf5File, ReadsWhatWasNeverWrittenAsZero) {
+  const TemporaryFolder folder;
+  {
+    const Hdf5Writer file(folder / "a.hdf5");
+    const hsize_t shape[2] = {5, 3}, chunk[2] = {2, 2}, at[2] = {2, 2};
+    const hid_t space = H5Screate_simple(2, shape, nullptr), properties = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_chunk(properties, 2, chunk);
+    const hid_t data = H5Dcreate2(file.id(), "some", H5T_STD_I16BE, space, H5P_DEFAULT, properties, H5P_DEFAULT);
+    EXPECT_GE(H5Dwrite_chunk(data, H5P_DEFAULT, 0, at, 8, "\x01\x02\x7f\x7f\xff\xfe\x7f\x7f"), 0);
+    H5Dclose(data);
+    H5Dclose(H5Dcreate2(file.id(), "none", H5T_STD_I16BE, space, H5P_DEFAULT, properties, H5P_DEFAULT));
+    H5Pclose(properties);
+    H5Sclose(space);
+  }
+  const Hdf5File file(folder / "a.hdf5");
+  EXPECT_EQ(file.numbers("some", {-1, 3}), (std::vector<double>{0, 0, 0, 0, 0, 0, 0, 0, 258, 0, 0, -2, 0, 0, 0}));
+  EXPECT_EQ(file.numbers("none", {5, -1}), std::vector<double>(15, 0.0));
+}
+
 TEST(Snapshot, ReducesChoosesFramesAndGivesTheShape) {
   MadeUpSnapshot made("male-1-plaza");
   made.betas[0] = 0.5;
@@ -237,16 +256,19 @@ TEST(Snapshot, RefusesWhatTheSetWouldNotHold) {
   rewrite_masks([&](const Hdf5Writer& file) { file.write_masks({made.masks[0], made.masks[1]}, Hdf5Packing::plain); }, {"6 poses, 5 pictures and 2 masks"});
   rewrite_masks([&](const Hdf5Writer& file) { file.write_masks(std::vector<cv::Mat>(5, cv::Mat(40, 48, CV_8U, cv::Scalar(1))), Hdf5Packing::plain); },
                 {"masks.hdf5 frame 0: size: expected 96x80", "48x40"});
-  rewrite_masks([&](const Hdf5Writer& file) { file.write_masks(made.masks, Hdf5Packing::lzf, 100); }, {"chunks of 3840 bytes under LZF, found 100"});
-  rewrite_masks(
-      [&](const Hdf5Writer& file) {
-        file.write_masks(made.masks, Hdf5Packing::lzf);
-        const hid_t data = H5Dopen2(file.id(), "masks", H5P_DEFAULT);
-        const hsize_t at[3] = {2, 40, 48};
-        H5Dwrite_chunk(data, H5P_DEFAULT, 0, at, 4, "\x1fxyz");
-        H5Dclose(data);
-      },
-      {"masks frame 2: expected a frame that can be read", "HDF5 says"});
+  const auto with_chunk = [&](std::uint32_t skipped, const std::string& bytes) {
+    return [&made, skipped, bytes](const Hdf5Writer& file) {
+      file.write_masks(made.masks, Hdf5Packing::lzf);
+      const hid_t data = H5Dopen2(file.id(), "masks", H5P_DEFAULT);
+      const hsize_t at[3] = {2, 40, 48};
+      EXPECT_GE(H5Dwrite_chunk(data, H5P_DEFAULT, skipped, at, bytes.size(), bytes.data()), 0);
+      H5Dclose(data);
+    };
+  };
+  rewrite_masks(with_chunk(0, "\x1fxyz"), {"masks frame 2: expected a chunk of 3840 bytes, found one that is damaged"});
+  rewrite_masks(with_chunk(0, packed_lzf(std::string(3839, 'x'))), {"masks frame 2: expected a chunk of 3840 bytes, found one that is damaged"});
+  rewrite_masks(with_chunk(1, std::string(100, 'x')), {"masks frame 2: expected a chunk of 3840 bytes, found one that is damaged"});
+  rewrite_masks(with_chunk(0, std::string(9000, 'x')), {"masks frame 2: expected a chunk of at most 7744 bytes, found 9000"});
   rewrite_masks(
       [&](const Hdf5Writer& file) {
         const hsize_t shape[3] = {5, 80, 96};
