@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <glm/geometric.hpp>
 #include <map>
+#include <numeric>
 #include <optional>
 
 #include "host/body/npz.h"
 #include "host/body/pickle.h"
+#include "host/body/pose.h"
 #include "host/body/smpl_joints.h"
 #include "host/input_error.h"
 
@@ -16,6 +19,7 @@ namespace {
 
 constexpr double kNoParent = 4294967295.0;  // 2^32 − 1, or −1 where the table is signed
 constexpr long kMostVertices = 1'000'000;
+constexpr std::size_t kMeasuredPoses = 20;
 
 // The fields of either kind of file. Chumpy's arrays count as the arrays in them.
 class SmplFields {
@@ -161,6 +165,55 @@ Skeleton read_smpl_tree(SmplFields& file) {
   return skeleton;
 }
 
+// R_1 − I, R_2 − I, … row by row: what SMPL's pose blend shapes are linear in.
+std::vector<double> pose_feature(const std::vector<glm::dvec3>& pose) {
+  std::vector<double> feature;
+  for (std::size_t j = 1; j < pose.size(); ++j) {
+    const glm::dmat3 turn = rotation_from_axis_angle(pose[j]) - glm::dmat3(1.0);
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column) feature.push_back(turn[column][row]);
+  }
+  return feature;
+}
+
+// What the pose blend shapes add to the mesh at rest on average over the poses, and what they add to that in single ones. [V]
+Field mean_pose_offsets(SmplFields& file, std::size_t vertices, std::span<const std::vector<glm::dvec3>> poses, std::string& note) {
+  std::vector<std::vector<double>> features;
+  for (const std::vector<glm::dvec3>& pose : poses) features.push_back(pose_feature(pose));
+  const std::size_t length = features[0].size();
+  std::vector<double> mean(length, 0.0);
+  for (const std::vector<double>& feature : features) {
+    for (std::size_t k = 0; k < length; ++k) mean[k] += feature[k] / static_cast<double>(features.size());
+  }
+  const PythonArray& stored = file.array("posedirs", {static_cast<long>(vertices), 3, static_cast<long>(length)});
+  // Of many poses some are measured, evenly.
+  const std::size_t measured = std::min(features.size(), kMeasuredPoses);
+  Field offsets(vertices, glm::dvec3(0.0));
+  double sum_mean = 0, sum_left = 0, most_left = 0;
+  std::vector<double> row(length);
+  for (std::size_t v = 0; v < vertices; ++v) {
+    std::vector<glm::dvec3> left(measured, glm::dvec3(0.0));
+    for (int axis = 0; axis < 3; ++axis) {
+      for (std::size_t k = 0; k < length; ++k) row[k] = finite_number(stored, (3 * v + static_cast<std::size_t>(axis)) * length + k, file.where(), "posedirs");
+      offsets[v][axis] = std::inner_product(row.begin(), row.end(), mean.begin(), 0.0);
+      for (std::size_t m = 0; m < measured; ++m) {
+        left[m][axis] = std::inner_product(row.begin(), row.end(), features[m * features.size() / measured].begin(), -offsets[v][axis]);
+      }
+    }
+    sum_mean += glm::length(offsets[v]);
+    for (const glm::dvec3& offset : left) {
+      sum_left += glm::length(offset);
+      most_left = std::max(most_left, glm::length(offset));
+    }
+  }
+  file.drop("posedirs");
+  const auto count = static_cast<double>(vertices);
+  note = fmt::format("Pose blend shapes: the mesh at rest has their mean over {} poses, {:.1f} mm at a vertex on average. What single poses add, {:.1f} mm on average and {:.1f} mm at most, "
+                     "is left out: the rig moves by linear skinning alone.",
+                     poses.size(), 1e3 * sum_mean / count, 1e3 * sum_left / (count * static_cast<double>(measured)), 1e3 * most_left);
+  return offsets;
+}
+
 // The four largest of each vertex's weights; what the others held is told.
 void read_smpl_weights(SmplFields& file, SmplBody& result) {
   const std::size_t vertices = result.body.vertices.size(), joints = result.body.skeleton.size();
@@ -203,7 +256,7 @@ void read_smpl_weights(SmplFields& file, SmplBody& result) {
 
 bool is_smpl_file(const std::filesystem::path& path) { return path.extension() == ".npz" || path.extension() == ".pkl"; }
 
-SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const double> betas) {
+SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const double> betas, std::span<const std::vector<glm::dvec3>> poses) {
   while (!betas.empty() && betas.back() == 0.0) betas = betas.first(betas.size() - 1);
   SmplFields file(path);
   SmplBody result;
@@ -216,6 +269,15 @@ SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const doubl
   result.body.skeleton = read_smpl_tree(file);
   const JointRegressor joints_of(file, result.body.skeleton.size(), vertices.size());
   result.body.skeleton.rest_joints = joints_of(vertices);
+  std::string pose_note;
+  if (file.has("posedirs")) {
+    pose_note = "Pose blend shapes are left out: the rig moves by linear skinning alone.";
+    const auto of_model = [&](const std::vector<glm::dvec3>& pose) { return pose.size() == result.body.skeleton.size(); };
+    if (!poses.empty() && std::all_of(poses.begin(), poses.end(), of_model)) {
+      const Field offsets = mean_pose_offsets(file, vertices.size(), poses, pose_note);
+      for (std::size_t v = 0; v < vertices.size(); ++v) vertices[v] += offsets[v];
+    }
+  }
   result.body.vertices.assign(vertices.begin(), vertices.end());
   ShapeSpace& shape = result.body.shape;
   for (const Field& direction : directions) {
@@ -244,7 +306,7 @@ SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const doubl
     }
     result.body.triangles.push_back(triangle);
   }
-  if (file.has("posedirs")) result.notes.push_back("Pose blend shapes are left out: the rig moves by linear skinning alone.");
+  if (!pose_note.empty()) result.notes.push_back(pose_note);
   // Reading it back checks the rig as every other one. SMPL's files lack normals, which are computed there; they are those of the
   // mesh without targets, so that is read first: the file's normals shall be those of the shape that it opens in.
   result.body.normals.resize(vertices.size(), glm::vec3(0.0f));

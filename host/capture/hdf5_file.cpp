@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <fstream>
 #include <mutex>
 #include <utility>
 
@@ -44,6 +45,12 @@ struct Hdf5Array {
   // Where it is stored in chunks: their shape, and the filters that made them, in that order.
   std::vector<hsize_t> chunk;
   std::vector<H5Z_filter_t> filters;
+};
+
+// The file as it is, for chunks.
+struct Hdf5Bytes {
+  std::ifstream stream;
+  std::uintmax_t size = 0;
 };
 
 namespace {
@@ -145,19 +152,21 @@ std::vector<std::uint8_t> undone(H5Z_filter_t filter, std::vector<std::uint8_t> 
   return plain;
 }
 
-// The chunk that begins at `place`, as plain elements; empty where none was ever written. The library's own reading of chunks
-// trusts that filters give as much as a chunk has, so that they are taken as they are stored.
-std::vector<std::uint8_t> read_chunk(const Hdf5Array& array, const hsize_t* place, std::size_t size, const std::string& where, const std::string& field) {
+// The chunk that begins at `place`, as plain elements; empty where none was ever written. The library says where it lies; its
+// own reading of chunks trusts that filters give as much as a chunk has, and in a damaged file two of its answers may differ.
+std::vector<std::uint8_t> read_chunk(const Hdf5Array& array, Hdf5Bytes& file, const hsize_t* place, std::size_t size, const std::string& where, const std::string& field) {
   hsize_t stored = 0;
   haddr_t address = HADDR_UNDEF;
-  unsigned mask = 0;
-  if (H5Dget_chunk_info_by_coord(array.data, place, &mask, &address, &stored) < 0) throw InputError(where, field, "a chunk that can be read", hdf5_reason(), "Copy it again.");
+  unsigned skipped = 0;  // filters that were not applied to this chunk
+  if (H5Dget_chunk_info_by_coord(array.data, place, &skipped, &address, &stored) < 0) throw InputError(where, field, "a chunk that can be read", hdf5_reason(), "Copy it again.");
   if (address == HADDR_UNDEF) return {};
   // Deflate and LZF add a little to what they cannot compress.
   if (stored > 2 * size + 64) throw InputError(where, field, fmt::format("a chunk of at most {} bytes", 2 * size + 64), fmt::format("{}", stored));
+  if (address > file.size || stored > file.size - address) throw InputError(where, field, "a chunk within the file", fmt::format("one of {} bytes at {} of {}", stored, address, file.size), "Copy it again.");
   std::vector<std::uint8_t> bytes(stored);
-  std::uint32_t skipped = 0;
-  if (H5Dread_chunk(array.data, H5P_DEFAULT, place, &skipped, bytes.data()) < 0) throw InputError(where, field, "a chunk that can be read", hdf5_reason(), "Copy it again.");
+  file.stream.clear();
+  file.stream.seekg(static_cast<std::streamoff>(address));
+  if (!file.stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(stored))) throw InputError(where, field, "a chunk that can be read", "an error of the disk");
   for (std::size_t f = array.filters.size(); f-- > 0;) {
     if (f >= 32 || (skipped >> f & 1) == 0) bytes = undone(array.filters[f], std::move(bytes), size, H5Tget_size(array.type));
   }
@@ -167,7 +176,7 @@ std::vector<std::uint8_t> read_chunk(const Hdf5Array& array, const hsize_t* plac
 
 // Rows `first` to `first` + `count` of an array in chunks with up to three axes, `first` being where chunks begin. What was never
 // written is 0.
-void read_rows(const Hdf5Array& array, std::size_t first, std::size_t count, std::uint8_t* out, const std::string& where, const std::string& field) {
+void read_rows(const Hdf5Array& array, Hdf5Bytes& file, std::size_t first, std::size_t count, std::uint8_t* out, const std::string& where, const std::string& field) {
   const std::size_t element = H5Tget_size(array.type);
   std::array<std::size_t, 3> shape{1, 1, 1}, chunk{1, 1, 1}, at{};
   std::copy(array.shape.begin(), array.shape.end(), shape.begin());
@@ -177,7 +186,7 @@ void read_rows(const Hdf5Array& array, std::size_t first, std::size_t count, std
     for (at[1] = 0; at[1] < shape[1]; at[1] += chunk[1]) {
       for (at[2] = 0; at[2] < shape[2]; at[2] += chunk[2]) {
         const hsize_t place[3] = {at[0], at[1], at[2]};
-        const std::vector<std::uint8_t> bytes = read_chunk(array, place, chunk[0] * chunk[1] * chunk[2] * element, where, field);
+        const std::vector<std::uint8_t> bytes = read_chunk(array, file, place, chunk[0] * chunk[1] * chunk[2] * element, where, field);
         if (bytes.empty()) continue;
         const std::size_t length = std::min(chunk[2], shape[2] - at[2]) * element;
         for (std::size_t i = at[0]; i < std::min(at[0] + chunk[0], first + count); ++i) {
@@ -195,6 +204,7 @@ void read_rows(const Hdf5Array& array, std::size_t first, std::size_t count, std
 
 struct Hdf5File::Handles {
   Hdf5Handle file;
+  Hdf5Bytes bytes;
   Hdf5Array frames;
   std::string frames_name;
   // Frames whose chunks were read last.
@@ -209,6 +219,12 @@ Hdf5File::Hdf5File(const std::filesystem::path& path) : where_(path.string()), h
   H5Pset_file_locking(access, false, true);  // disks of networks may have no locks, and nothing is written here
   handles_->file = Hdf5Handle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access), H5Fclose);
   if (handles_->file < 0) throw InputError(where_, "", "an HDF5 file", hdf5_reason(), "Copy it again if it is one.");
+  // Where chunks lie is counted from behind what others put before the data.
+  const Hdf5Handle creation(H5Fget_create_plist(handles_->file), H5Pclose);
+  hsize_t before = 0;
+  if (H5Pget_userblock(creation, &before) < 0 || before != 0) throw InputError(where_, "", "a file that begins with HDF5's signature", fmt::format("{} bytes before it", before), "h5unjam removes them.");
+  handles_->bytes.stream.open(path, std::ios::binary);
+  handles_->bytes.size = std::filesystem::file_size(path);
 }
 
 Hdf5File::~Hdf5File() = default;
@@ -227,7 +243,7 @@ std::vector<double> Hdf5File::numbers(const std::string& name, const std::vector
   }
   std::vector<double> numbers(count, 0.0);
   if (count > 0 && !array.chunk.empty()) {
-    read_rows(array, 0, array.shape[0], reinterpret_cast<std::uint8_t*>(numbers.data()), where_, name);
+    read_rows(array, handles_->bytes, 0, array.shape[0], reinterpret_cast<std::uint8_t*>(numbers.data()), where_, name);
     if (H5Tconvert(array.type, H5T_NATIVE_DOUBLE, count, numbers.data(), nullptr, H5P_DEFAULT) < 0) throw InputError(where_, name, "numbers", hdf5_reason());
   } else if (H5Dread(array.data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers.data()) < 0) {
     throw InputError(where_, name, "an array that can be read", hdf5_reason(), "Copy it again.");
@@ -272,7 +288,7 @@ void Hdf5File::frame(std::size_t number, std::span<std::uint8_t> pixels) const {
       kept.row_count = 0;  // where the next line throws
       const std::size_t first = number / array.chunk[0] * array.chunk[0], rows = std::min<std::size_t>(array.chunk[0], array.shape[0] - first);
       kept.rows.resize(rows * pixels.size());
-      read_rows(array, first, rows, kept.rows.data(), where_, field);
+      read_rows(array, kept.bytes, first, rows, kept.rows.data(), where_, field);
       kept.first_row = first;
       kept.row_count = rows;
     }

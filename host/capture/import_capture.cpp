@@ -121,19 +121,23 @@ void choose_cameras(ImportPlan& plan) {
   }
 }
 
-// The body: a rig as it is, or a model of the SMPL family in the shape that the sequence's first fit states.
+// The body: a rig as it is, or a model of the SMPL family in the shape that the sequence's first fit states, for the poses that are
+// learnt from.
 void read_body(ImportPlan& plan, const ImportSettings& settings) {
   if (!is_smpl_file(settings.body)) {
     plan.body = read_body_template(settings.body);
     return;
   }
-  std::vector<double> betas;
+  std::optional<std::vector<double>> betas;
+  std::vector<std::vector<glm::dvec3>> poses;
   for (const DatasetFrame& frame : plan.dataset.frames) {
-    if (!has_fit(frame)) continue;
-    betas = fit_of(frame).shapes;
-    break;
+    const bool learnt = std::any_of(plan.splits.ranges.begin(), plan.splits.ranges.end(), [&](const FrameRange& range) { return range.split == "train" && range.has(frame.number); });
+    if ((betas && !learnt) || !has_fit(frame)) continue;
+    BodyFit fit = fit_of(frame);
+    if (!betas) betas = fit.shapes;
+    if (learnt) poses.push_back(std::move(fit.poses));
   }
-  SmplBody smpl = read_smpl_body(settings.body, betas);
+  SmplBody smpl = read_smpl_body(settings.body, betas.value_or(std::vector<double>{}), poses);
   plan.body = std::move(smpl.body);
   plan.report.notes.insert(plan.report.notes.end(), smpl.notes.begin(), smpl.notes.end());
 }
