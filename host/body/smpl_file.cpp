@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <glm/geometric.hpp>
 #include <map>
+#include <numeric>
 #include <optional>
 
 #include "host/body/npz.h"
 #include "host/body/pickle.h"
+#include "host/body/pose.h"
 #include "host/body/smpl_joints.h"
 #include "host/input_error.h"
 
@@ -16,6 +19,7 @@ namespace {
 
 constexpr double kNoParent = 4294967295.0;  // 2^32 − 1, or −1 where the table is signed
 constexpr long kMostVertices = 1'000'000;
+constexpr std::size_t kMeasuredPoses = 20;
 
 // The fields of either kind of file. Chumpy's arrays count as the arrays in them.
 class SmplFields {
@@ -56,66 +60,94 @@ double finite_number(const PythonArray& array, std::size_t place, const std::str
   return number;
 }
 
-std::vector<glm::dvec3> shaped_vertices(SmplFields& file, std::span<const double> betas) {
+using Field = std::vector<glm::dvec3>;  // of vertices or of joints
+
+Field read_rest_vertices(SmplFields& file) {
   const PythonArray& rest = file.array("v_template", {-1, 3});
   const std::size_t count = rest.shape[0];
   if (count == 0 || count > kMostVertices) throw InputError(file.where(), "v_template", fmt::format("1 to {} vertices", kMostVertices), fmt::format("{}", count));
-  std::vector<glm::dvec3> vertices(count);
+  Field vertices(count);
   for (std::size_t i = 0; i < 3 * count; ++i) vertices[i / 3][static_cast<int>(i % 3)] = finite_number(rest, i, file.where(), "v_template");
-  while (!betas.empty() && betas.back() == 0.0) betas = betas.first(betas.size() - 1);
-  if (betas.empty()) return vertices;
-  const PythonArray& directions = file.array("shapedirs", {static_cast<long>(count), 3, -1});
-  const std::size_t known = directions.shape[2];
-  if (betas.size() > known) throw InputError(file.where(), "shapedirs", fmt::format("a direction for each of {} betas", betas.size()), fmt::format("{}", known));
-  for (std::size_t i = 0; i < 3 * count; ++i) {
-    for (std::size_t b = 0; b < betas.size(); ++b) {
-      vertices[i / 3][static_cast<int>(i % 3)] += betas[b] * finite_number(directions, i * known + b, file.where(), "shapedirs");
-    }
-  }
-  file.drop("shapedirs");
   return vertices;
 }
 
-// Σ_v regressor[j][v] · vertex v, from a matrix as it is or one of scipy's sparse ones (by columns or by rows).
-std::vector<glm::dvec3> regressed_joints(SmplFields& file, const std::vector<glm::dvec3>& vertices, std::size_t count) {
-  constexpr const char* kName = "J_regressor";
-  const PythonValue& stored = file.get(kName);
-  const std::string& where = file.where();
-  std::vector<glm::dvec3> joints(count, glm::dvec3(0.0));
-  const auto* sparse = std::get_if<PythonObject>(&stored.content);
-  if (!sparse) {
-    const PythonArray& matrix = file.array(kName, {static_cast<long>(count), static_cast<long>(vertices.size())});
-    for (std::size_t j = 0; j < count; ++j) {
-      for (std::size_t v = 0; v < vertices.size(); ++v) joints[j] += finite_number(matrix, j * vertices.size() + v, where, kName) * vertices[v];
-    }
-    return joints;
-  }
-  const bool by_rows = sparse->type.ends_with("csr_matrix");
-  const char* shape_name = python_find(stored, "_shape") ? "_shape" : "shape";
-  const std::vector<double> shape = python_numbers(python_member(stored, shape_name, where, kName), 2, where, "J_regressor shape");
-  if (shape[0] != static_cast<double>(count) || shape[1] != static_cast<double>(vertices.size())) {
-    throw InputError(where, kName, fmt::format("a matrix of {}x{}", count, vertices.size()), fmt::format("{}x{}", shape[0], shape[1]));
-  }
-  const std::size_t outer = by_rows ? count : vertices.size(), inner = by_rows ? vertices.size() : count;
-  const std::vector<double> values = python_numbers(python_member(stored, "data", where, kName), -1, where, "J_regressor data");
-  const std::vector<double> indices = python_numbers(python_member(stored, "indices", where, kName), static_cast<long>(values.size()), where, "J_regressor indices");
-  const std::vector<double> starts = python_numbers(python_member(stored, "indptr", where, kName), static_cast<long>(outer + 1), where, "J_regressor indptr");
-  for (std::size_t o = 0; o < outer; ++o) {
-    if (!(starts[o] >= 0 && starts[o] <= starts[o + 1] && starts[o + 1] <= static_cast<double>(values.size()))) {
-      throw InputError(where, "J_regressor indptr", "places in ascending order", fmt::format("{} and {}", starts[o], starts[o + 1]));
-    }
-    for (auto k = static_cast<std::size_t>(starts[o]); k < static_cast<std::size_t>(starts[o + 1]); ++k) {
-      if (!(indices[k] >= 0 && indices[k] < static_cast<double>(inner))) {
-        throw InputError(where, "J_regressor indices", fmt::format("0 to {}", inner - 1), fmt::format("{}", indices[k]));
-      }
-      const auto i = static_cast<std::size_t>(indices[k]);
-      joints[by_rows ? o : i] += values[k] * vertices[by_rows ? i : o];
+// The first directions of the shape, as many as are kept or have a beta. [B][V]
+std::vector<Field> read_shape_directions(SmplFields& file, std::size_t vertices, std::size_t betas) {
+  if (betas == 0 && !file.has("shapedirs")) return {};
+  const PythonArray& stored = file.array("shapedirs", {static_cast<long>(vertices), 3, -1});
+  const std::size_t known = stored.shape[2];
+  if (betas > known) throw InputError(file.where(), "shapedirs", fmt::format("a direction for each of {} betas", betas), fmt::format("{}", known));
+  std::vector<Field> directions(std::max(betas, std::min(known, kSmplShapes)), Field(vertices));
+  for (std::size_t i = 0; i < 3 * vertices; ++i) {
+    for (std::size_t b = 0; b < directions.size(); ++b) {
+      directions[b][i / 3][static_cast<int>(i % 3)] = finite_number(stored, i * known + b, file.where(), "shapedirs");
     }
   }
-  return joints;
+  file.drop("shapedirs");
+  return directions;
 }
 
-Skeleton read_smpl_skeleton(SmplFields& file, const std::vector<glm::dvec3>& vertices) {
+// J_regressor: joints are sums of vertices. From a matrix as it is or one of scipy's sparse ones (by columns or by rows).
+class JointRegressor {
+ public:
+  JointRegressor(SmplFields& file, std::size_t joints, std::size_t vertices) : joints_(joints) {
+    constexpr const char* kName = "J_regressor";
+    const PythonValue& stored = file.get(kName);
+    const std::string& where = file.where();
+    const auto* sparse = std::get_if<PythonObject>(&stored.content);
+    if (!sparse) {
+      const PythonArray& matrix = file.array(kName, {static_cast<long>(joints), static_cast<long>(vertices)});
+      for (std::size_t j = 0; j < joints; ++j) {
+        for (std::size_t v = 0; v < vertices; ++v) add(j, v, finite_number(matrix, j * vertices + v, where, kName));
+      }
+      return;
+    }
+    const bool by_rows = sparse->type.ends_with("csr_matrix");
+    const char* shape_name = python_find(stored, "_shape") ? "_shape" : "shape";
+    const std::vector<double> shape = python_numbers(python_member(stored, shape_name, where, kName), 2, where, "J_regressor shape");
+    if (shape[0] != static_cast<double>(joints) || shape[1] != static_cast<double>(vertices)) {
+      throw InputError(where, kName, fmt::format("a matrix of {}x{}", joints, vertices), fmt::format("{}x{}", shape[0], shape[1]));
+    }
+    const std::size_t outer = by_rows ? joints : vertices, inner = by_rows ? vertices : joints;
+    const std::vector<double> values = python_numbers(python_member(stored, "data", where, kName), -1, where, "J_regressor data");
+    const std::vector<double> indices = python_numbers(python_member(stored, "indices", where, kName), static_cast<long>(values.size()), where, "J_regressor indices");
+    const std::vector<double> starts = python_numbers(python_member(stored, "indptr", where, kName), static_cast<long>(outer + 1), where, "J_regressor indptr");
+    for (std::size_t o = 0; o < outer; ++o) {
+      if (!(starts[o] >= 0 && starts[o] <= starts[o + 1] && starts[o + 1] <= static_cast<double>(values.size()))) {
+        throw InputError(where, "J_regressor indptr", "places in ascending order", fmt::format("{} and {}", starts[o], starts[o + 1]));
+      }
+      for (auto k = static_cast<std::size_t>(starts[o]); k < static_cast<std::size_t>(starts[o + 1]); ++k) {
+        if (!(indices[k] >= 0 && indices[k] < static_cast<double>(inner))) {
+          throw InputError(where, "J_regressor indices", fmt::format("0 to {}", inner - 1), fmt::format("{}", indices[k]));
+        }
+        const auto i = static_cast<std::size_t>(indices[k]);
+        add(by_rows ? o : i, by_rows ? i : o, values[k]);
+      }
+    }
+  }
+
+  // Σ_v weight[j][v] · vertices[v]
+  Field operator()(const Field& vertices) const {
+    Field joints(joints_, glm::dvec3(0.0));
+    for (const Entry& entry : entries_) joints[entry.joint] += entry.weight * vertices[entry.vertex];
+    return joints;
+  }
+
+ private:
+  struct Entry {
+    std::size_t joint, vertex;
+    double weight;
+  };
+  void add(std::size_t joint, std::size_t vertex, double weight) {
+    if (weight != 0.0) entries_.push_back({joint, vertex, weight});
+  }
+
+  std::size_t joints_;
+  std::vector<Entry> entries_;
+};
+
+// Without places of the joints.
+Skeleton read_smpl_tree(SmplFields& file) {
   const PythonArray& table = file.array("kintree_table", {2, -1});
   const std::size_t count = table.shape[1];
   Skeleton skeleton;
@@ -128,9 +160,58 @@ Skeleton read_smpl_skeleton(SmplFields& file, const std::vector<glm::dvec3>& ver
     }
     skeleton.parents.push_back(root ? -1 : static_cast<int>(parent));
   }
-  skeleton.rest_joints = regressed_joints(file, vertices, count);
+  skeleton.rest_joints.assign(count, glm::dvec3(0.0));
   validate_skeleton(skeleton, file.where());
   return skeleton;
+}
+
+// R_1 − I, R_2 − I, … row by row: what SMPL's pose blend shapes are linear in.
+std::vector<double> pose_feature(const std::vector<glm::dvec3>& pose) {
+  std::vector<double> feature;
+  for (std::size_t j = 1; j < pose.size(); ++j) {
+    const glm::dmat3 turn = rotation_from_axis_angle(pose[j]) - glm::dmat3(1.0);
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column) feature.push_back(turn[column][row]);
+  }
+  return feature;
+}
+
+// What the pose blend shapes add to the mesh at rest on average over the poses, and what they add to that in single ones. [V]
+Field mean_pose_offsets(SmplFields& file, std::size_t vertices, std::span<const std::vector<glm::dvec3>> poses, std::string& note) {
+  std::vector<std::vector<double>> features;
+  for (const std::vector<glm::dvec3>& pose : poses) features.push_back(pose_feature(pose));
+  const std::size_t length = features[0].size();
+  std::vector<double> mean(length, 0.0);
+  for (const std::vector<double>& feature : features) {
+    for (std::size_t k = 0; k < length; ++k) mean[k] += feature[k] / static_cast<double>(features.size());
+  }
+  const PythonArray& stored = file.array("posedirs", {static_cast<long>(vertices), 3, static_cast<long>(length)});
+  // Of many poses some are measured, evenly.
+  const std::size_t measured = std::min(features.size(), kMeasuredPoses);
+  Field offsets(vertices, glm::dvec3(0.0));
+  double sum_mean = 0, sum_left = 0, most_left = 0;
+  std::vector<double> row(length);
+  for (std::size_t v = 0; v < vertices; ++v) {
+    std::vector<glm::dvec3> left(measured, glm::dvec3(0.0));
+    for (int axis = 0; axis < 3; ++axis) {
+      for (std::size_t k = 0; k < length; ++k) row[k] = finite_number(stored, (3 * v + static_cast<std::size_t>(axis)) * length + k, file.where(), "posedirs");
+      offsets[v][axis] = std::inner_product(row.begin(), row.end(), mean.begin(), 0.0);
+      for (std::size_t m = 0; m < measured; ++m) {
+        left[m][axis] = std::inner_product(row.begin(), row.end(), features[m * features.size() / measured].begin(), -offsets[v][axis]);
+      }
+    }
+    sum_mean += glm::length(offsets[v]);
+    for (const glm::dvec3& offset : left) {
+      sum_left += glm::length(offset);
+      most_left = std::max(most_left, glm::length(offset));
+    }
+  }
+  file.drop("posedirs");
+  const auto count = static_cast<double>(vertices);
+  note = fmt::format("Pose blend shapes: the mesh at rest has their mean over {} poses, {:.1f} mm at a vertex on average. What single poses add, {:.1f} mm on average and {:.1f} mm at most, "
+                     "is left out: the rig moves by linear skinning alone.",
+                     poses.size(), 1e3 * sum_mean / count, 1e3 * sum_left / (count * static_cast<double>(measured)), 1e3 * most_left);
+  return offsets;
 }
 
 // The four largest of each vertex's weights; what the others held is told.
@@ -175,12 +256,43 @@ void read_smpl_weights(SmplFields& file, SmplBody& result) {
 
 bool is_smpl_file(const std::filesystem::path& path) { return path.extension() == ".npz" || path.extension() == ".pkl"; }
 
-SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const double> betas) {
+SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const double> betas, std::span<const std::vector<glm::dvec3>> poses) {
+  while (!betas.empty() && betas.back() == 0.0) betas = betas.first(betas.size() - 1);
   SmplFields file(path);
   SmplBody result;
-  const std::vector<glm::dvec3> vertices = shaped_vertices(file, betas);
+  Field vertices = read_rest_vertices(file);
+  std::vector<Field> directions = read_shape_directions(file, vertices.size(), betas.size());
+  for (std::size_t b = kSmplShapes; b < betas.size(); ++b) {
+    for (std::size_t v = 0; v < vertices.size(); ++v) vertices[v] += betas[b] * directions[b][v];
+  }
+  if (directions.size() > kSmplShapes) directions.resize(kSmplShapes);
+  result.body.skeleton = read_smpl_tree(file);
+  const JointRegressor joints_of(file, result.body.skeleton.size(), vertices.size());
+  result.body.skeleton.rest_joints = joints_of(vertices);
+  std::string pose_note;
+  if (file.has("posedirs")) {
+    pose_note = "Pose blend shapes are left out: the rig moves by linear skinning alone.";
+    const auto of_model = [&](const std::vector<glm::dvec3>& pose) { return pose.size() == result.body.skeleton.size(); };
+    if (!poses.empty() && std::all_of(poses.begin(), poses.end(), of_model)) {
+      const Field offsets = mean_pose_offsets(file, vertices.size(), poses, pose_note);
+      for (std::size_t v = 0; v < vertices.size(); ++v) vertices[v] += offsets[v];
+    }
+  }
   result.body.vertices.assign(vertices.begin(), vertices.end());
-  result.body.skeleton = read_smpl_skeleton(file, vertices);
+  ShapeSpace& shape = result.body.shape;
+  for (const Field& direction : directions) {
+    shape.names.push_back(fmt::format("beta_{}", shape.size()));
+    shape.vertex_offsets.emplace_back(direction.begin(), direction.end());
+    shape.joint_offsets.push_back(joints_of(direction));
+  }
+  if (!directions.empty()) {
+    shape.base_vertices = result.body.vertices;
+    shape.base_joints = result.body.skeleton.rest_joints;
+    shape.beta.assign(directions.size(), 0.0);
+    std::vector<double> beta(betas.begin(), betas.begin() + static_cast<std::ptrdiff_t>(std::min(betas.size(), directions.size())));
+    beta.resize(directions.size(), 0.0);
+    set_shape(result.body, beta);
+  }
   read_smpl_weights(file, result);
   const PythonArray& faces = file.array("f", {-1, 3});
   for (std::size_t i = 0; i < faces.shape[0]; ++i) {
@@ -194,9 +306,13 @@ SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const doubl
     }
     result.body.triangles.push_back(triangle);
   }
-  if (file.has("posedirs")) result.notes.push_back("Pose blend shapes are left out: the rig moves by linear skinning alone.");
-  // Reading it back checks the rig as every other one, and computes the normals, which SMPL's files lack.
+  if (!pose_note.empty()) result.notes.push_back(pose_note);
+  // Reading it back checks the rig as every other one. SMPL's files lack normals, which are computed there; they are those of the
+  // mesh without targets, so that is read first: the file's normals shall be those of the shape that it opens in.
   result.body.normals.resize(vertices.size(), glm::vec3(0.0f));
+  BodyTemplate plain = result.body;
+  plain.shape = {};
+  result.body.normals = read_body_template_bytes(body_template_glb(plain), path.string()).normals;
   result.body = read_body_template_bytes(body_template_glb(result.body), path.string());
   result.body.glb = body_template_glb(result.body);
   return result;

@@ -78,6 +78,10 @@ BodyFit read_body_fit(const std::filesystem::path& path) {
   return body_fit(where, python_find(*data.root, "shapes") != nullptr, numbers);
 }
 
+bool has_fit(const DatasetFrame& frame) { return frame.fitted || std::filesystem::is_regular_file(frame.fit); }
+
+BodyFit fit_of(const DatasetFrame& frame) { return frame.fitted ? *frame.fitted : read_body_fit(frame.fit); }
+
 Pose pose_of_fit(const BodyFit& fit, const glm::dvec3& root_rest) {
   const glm::dmat3 turn = rotation_from_axis_angle(fit.Rh);
   Pose pose;

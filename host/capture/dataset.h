@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <glm/vec3.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,14 +13,25 @@
 
 namespace arah {
 
+// A body fitted to a frame: x_world = R(Rh) · LBS(poses)(x_rest) + Th, the rotation about the world's origin.
+struct BodyFit {
+  std::vector<glm::dvec3> poses;  // [24] axis-angles; the root's own is usually 0 (52 for SMPL-H, 55 for SMPL-X)
+  glm::dvec3 Rh{0.0};             // axis-angle
+  glm::dvec3 Th{0.0};             // metres
+  std::vector<double> shapes;     // betas
+};
+
 struct DatasetPicture {
   std::size_t camera = 0;  // of the dataset
   std::filesystem::path image, mask;
+  // Which frame of `image`, where that is a video, and of `mask`, where that is HDF5's `masks`; −1: files of their own.
+  int image_frame = -1, mask_frame = -1;
 };
 
 struct DatasetFrame {
   int number = 0;
-  std::filesystem::path fit;  // the body's pose, for read_body_fit()
+  std::filesystem::path fit;      // the body's pose, for read_body_fit()
+  std::optional<BodyFit> fitted;  // the same, where one file has that of all frames
   std::vector<DatasetPicture> pictures;
 };
 
@@ -28,6 +40,7 @@ struct Dataset {
   std::vector<Camera> cameras;   // metres; `width` and `height`: of the pictures that K is for
   bool resize_pictures = false;  // pictures of another size are resized to the cameras' before anything else
   std::vector<DatasetFrame> frames;
+  std::vector<std::string> notes;  // what a user should know
 };
 
 // ZJU-MoCap as Neural Body lays it out (ARAH.md §8): annots.npy with cameras (T in millimetres) and the pictures of every
@@ -44,15 +57,20 @@ Dataset read_h36m(const std::filesystem::path& folder);
 // have a fit.
 Dataset read_easymocap(const std::filesystem::path& folder);
 
-// A body fitted by EasyMocap: x_world = R(Rh) · LBS(poses)(x_rest) + Th, the rotation about the world's origin.
-struct BodyFit {
-  std::vector<glm::dvec3> poses;  // [24] axis-angles; the root's own is usually 0 (52 for SMPL-H, 55 for SMPL-X)
-  glm::dvec3 Rh{0.0};             // axis-angle
-  glm::dvec3 Th{0.0};             // metres
-  std::vector<double> shapes;     // betas
-};
+// People Snapshot: one camera, which stands still, before a person who turns. camera.pkl (focal lengths, centre, distortion and
+// size), and for every frame its picture in <name>.mp4 or image/, its mask in masks.hdf5 (`masks`) or mask/, and its body in
+// reconstructed_poses.hdf5 (`pose` of 72 numbers, `trans`, `betas`) or in models/*.npz (root_orient, pose_body, pose_hand, trans),
+// as loaders of that set have them. Files of one frame each are called by consecutive numbers. Frames count from 0. The published
+// files are in the camera's axes, y down; here the world has +Z up, as a capture's has: (x, y, z) ↦ (x, z, −y). Poses,
+// pictures and masks may differ by one in number (published are 649 poses for 648 frames): the last is left out then. A
+// pose and a place that are all zeros are of a frame that was not fitted.
+Dataset read_people_snapshot(const std::filesystem::path& folder);
 
-// From new_params/<frame>.npy (a pickled dictionary) or EasyMocap's <frame>.json (a list of people, or one under "annots";
+// Whether the frame has a body, and that body.
+bool has_fit(const DatasetFrame& frame);
+BodyFit fit_of(const DatasetFrame& frame);
+
+// A body fitted by EasyMocap. From new_params/<frame>.npy (a pickled dictionary) or EasyMocap's <frame>.json (a list of people, or one under "annots";
 // the one with the lowest id is taken). 69 numbers of poses lack the root's, which are 0 then. Throws InputError.
 BodyFit read_body_fit(const std::filesystem::path& path);
 

@@ -2,10 +2,10 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <map>
 
 #include "host/capture/dataset.h"
+#include "host/capture/files_by_frame.h"
 #include "host/capture/opencv_yaml.h"
 #include "host/capture/picture_file.h"
 #include "host/input_error.h"
@@ -14,20 +14,6 @@ namespace arah {
 namespace {
 
 namespace fs = std::filesystem;
-
-// The files of a folder by the frame that their names state: "000012.jpg" is frame 12.
-std::map<int, fs::path> files_by_frame(const fs::path& folder, std::initializer_list<const char*> extensions) {
-  std::map<int, fs::path> files;
-  if (!fs::is_directory(folder)) return files;
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    const std::string stem = entry.path().stem().string(), extension = entry.path().extension().string();
-    int number = 0;
-    const auto [stop, error] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
-    const bool wanted = std::find(extensions.begin(), extensions.end(), extension) != extensions.end();
-    if (wanted && error == std::errc() && stop == stem.data() + stem.size() && number >= 0) files.emplace(number, entry.path());
-  }
-  return files;
-}
 
 fs::path one_of_folders(const fs::path& folder, std::initializer_list<const char*> names) {
   for (const char* name : names) {

@@ -15,6 +15,7 @@
 #include "host/body/smpl_file.h"
 #include "host/body/smpl_joints.h"
 #include "host/capture/dataset.h"
+#include "host/capture/frame_reader.h"
 #include "host/capture/imported_picture.h"
 #include "host/capture/parallel_jobs.h"
 #include "host/capture/whole_folder.h"
@@ -26,12 +27,13 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kMarkerName = "import.json";
+constexpr std::size_t kFramesTogether = 16;  // 75 MB of 1080x1080
 
 struct Layout {
   const char* name;
   Dataset (*read)(const fs::path& folder);
 };
-constexpr Layout kLayouts[] = {{"zju-mocap", read_zju_mocap}, {"h36m", read_h36m}, {"easymocap", read_easymocap}};
+constexpr Layout kLayouts[] = {{"zju-mocap", read_zju_mocap}, {"h36m", read_h36m}, {"easymocap", read_easymocap}, {"people-snapshot", read_people_snapshot}};
 
 // One picture to write.
 struct PictureJob {
@@ -119,19 +121,23 @@ void choose_cameras(ImportPlan& plan) {
   }
 }
 
-// The body: a rig as it is, or a model of the SMPL family in the shape that the sequence's first fit states.
+// The body: a rig as it is, or a model of the SMPL family in the shape that the sequence's first fit states, for the poses that are
+// learnt from.
 void read_body(ImportPlan& plan, const ImportSettings& settings) {
   if (!is_smpl_file(settings.body)) {
     plan.body = read_body_template(settings.body);
     return;
   }
-  std::vector<double> betas;
+  std::optional<std::vector<double>> betas;
+  std::vector<std::vector<glm::dvec3>> poses;
   for (const DatasetFrame& frame : plan.dataset.frames) {
-    if (!fs::is_regular_file(frame.fit)) continue;
-    betas = read_body_fit(frame.fit).shapes;
-    break;
+    const bool learnt = std::any_of(plan.splits.ranges.begin(), plan.splits.ranges.end(), [&](const FrameRange& range) { return range.split == "train" && range.has(frame.number); });
+    if ((betas && !learnt) || !has_fit(frame)) continue;
+    BodyFit fit = fit_of(frame);
+    if (!betas) betas = fit.shapes;
+    if (learnt) poses.push_back(std::move(fit.poses));
   }
-  SmplBody smpl = read_smpl_body(settings.body, betas);
+  SmplBody smpl = read_smpl_body(settings.body, betas.value_or(std::vector<double>{}), poses);
   plan.body = std::move(smpl.body);
   plan.report.notes.insert(plan.report.notes.end(), smpl.notes.begin(), smpl.notes.end());
 }
@@ -167,11 +173,11 @@ void choose_frames(ImportPlan& plan, const ImportSettings& settings) {
     const bool training = range.split == "train";
     for (const DatasetFrame& frame : plan.dataset.frames) {
       if (!range.has(frame.number)) continue;
-      if (!fs::is_regular_file(frame.fit)) {
+      if (!has_fit(frame)) {
         without_body.push_back(frame.number);
         continue;
       }
-      const BodyFit fit = read_body_fit(frame.fit);
+      const BodyFit fit = fit_of(frame);
       if (shapes.empty()) shapes = fit.shapes;
       for (std::size_t i = 0; i < std::min(shapes.size(), fit.shapes.size()); ++i) varies = std::max(varies, std::abs(shapes[i] - fit.shapes[i]));
       Motion& motion = motions.try_emplace(range.split, empty_motion(range.split, plan.body, fit.poses.size(), frame.fit.string())).first->second;
@@ -192,6 +198,8 @@ void choose_frames(ImportPlan& plan, const ImportSettings& settings) {
       }
     }
   }
+  // A video is decoded from its first frame to its last.
+  std::stable_sort(plan.jobs.begin(), plan.jobs.end(), [](const PictureJob& a, const PictureJob& b) { return a.picture->image_frame < b.picture->image_frame; });
   for (auto& [split, motion] : motions) {
     motion.poses = settings.exact_poses ? "exact" : "estimated";
     plan.motions.emplace(split, adapt_motion(motion, plan.body.skeleton, settings.body.string()));
@@ -215,6 +223,7 @@ ImportPlan make_plan(const ImportSettings& settings) {
   }
   ImportPlan plan;
   plan.dataset = read_dataset(settings);
+  plan.report.notes = plan.dataset.notes;
   plan.splits = choose_splits(settings, plan.dataset, plan.report);
   read_body(plan, settings);
   choose_cameras(plan);
@@ -260,15 +269,23 @@ void write_pictures(const ImportPlan& plan, const fs::path& folder, const std::f
   for (const fs::path& made : folders) fs::create_directories(made);
   std::mutex mutex;
   std::size_t done = 0;
-  run_jobs(plan.jobs.size(), [&](std::size_t i) {
-    const PictureJob& job = plan.jobs[i];
-    const ImportedPicture picture = import_picture(job.picture->image, job.picture->mask, plan.dataset.cameras[job.picture->camera], job.treatment);
-    const std::string name = fmt::format("{:06}.png", job.frame);
-    write_png_file(folder_of("images", job) / name, picture.bgra);
-    if (!picture.border.empty()) write_png_file(folder_of("borders", job) / name, picture.border);
-    const std::lock_guard lock(mutex);
-    if (progress && !progress(++done, plan.jobs.size())) throw std::runtime_error("stopped; nothing was written");
-  });
+  // What lies in one file for all frames is read in their order, some at a time; the rest is work for all cores.
+  const bool in_order = std::any_of(plan.jobs.begin(), plan.jobs.end(), [](const PictureJob& job) { return job.picture->image_frame >= 0 || job.picture->mask_frame >= 0; });
+  const std::size_t together = in_order ? kFramesTogether : plan.jobs.size();
+  FrameReader frames;
+  for (std::size_t first = 0; first < plan.jobs.size(); first += together) {
+    std::vector<SourcePicture> sources(std::min(together, plan.jobs.size() - first));
+    for (std::size_t i = 0; i < sources.size(); ++i) sources[i] = frames.read(*plan.jobs[first + i].picture);
+    run_jobs(sources.size(), [&](std::size_t i) {
+      const PictureJob& job = plan.jobs[first + i];
+      const ImportedPicture picture = import_picture(std::exchange(sources[i], {}), plan.dataset.cameras[job.picture->camera], job.treatment);
+      const std::string name = fmt::format("{:06}.png", job.frame);
+      write_png_file(folder_of("images", job) / name, picture.bgra);
+      if (!picture.border.empty()) write_png_file(folder_of("borders", job) / name, picture.border);
+      const std::lock_guard lock(mutex);
+      if (progress && !progress(++done, plan.jobs.size())) throw std::runtime_error("stopped; nothing was written");
+    });
+  }
 }
 
 }  // namespace

@@ -21,18 +21,20 @@ cv::Mat of_size(const cv::Mat& picture, const Camera& camera, const PictureTreat
   return resized;
 }
 
-cv::Mat read_colors(const std::filesystem::path& path) {
-  cv::Mat picture = read_picture_file(path), colors;
+cv::Mat read_if_empty(const cv::Mat& picture, const std::string& name) { return picture.empty() ? read_picture_file(name) : picture; }
+
+cv::Mat read_colors(const SourcePicture& source) {
+  cv::Mat picture = read_if_empty(source.image, source.image_name), colors;
   if (picture.depth() == CV_16U) picture.convertTo(picture, CV_8U, 1.0 / 257.0);
-  if (picture.depth() != CV_8U) throw InputError(path.string(), "", "8 or 16 bits a channel", "another depth");
+  if (picture.depth() != CV_8U) throw InputError(source.image_name, "", "8 or 16 bits a channel", "another depth");
   if (picture.channels() == 3) return picture;
   cv::cvtColor(picture, colors, picture.channels() == 1 ? cv::COLOR_GRAY2BGR : cv::COLOR_BGRA2BGR);
   return colors;
 }
 
 // 255 for the person, 0 for all else; labels of parts are one person.
-cv::Mat read_mask(const std::filesystem::path& path) {
-  const cv::Mat picture = read_picture_file(path);
+cv::Mat read_mask(const SourcePicture& source) {
+  const cv::Mat picture = read_if_empty(source.mask, source.mask_name);
   cv::Mat channel = picture;
   if (picture.channels() > 1) cv::extractChannel(picture, channel, 0);
   cv::Mat person = channel != 0;
@@ -76,19 +78,18 @@ cv::Mat reduced_straight(const cv::Mat& bgra, const cv::Size& size) {
 
 }  // namespace
 
-ImportedPicture import_picture(const std::filesystem::path& image, const std::filesystem::path& mask, const Camera& camera,
-                               const PictureTreatment& treatment) {
-  cv::Mat person = read_mask(mask), colors = read_colors(image), band;
+ImportedPicture import_picture(const SourcePicture& source, const Camera& camera, const PictureTreatment& treatment) {
+  cv::Mat person = read_mask(source), colors = read_colors(source), band;
   // The band is as wide as it is in the mask's own pixels (the authors' get_mask).
   if (treatment.band > 0) {
     cv::Mat grown, shrunk;
     cv::dilate(person, grown, square(treatment.band));
     cv::erode(person, shrunk, square(treatment.band));
-    band = of_size(grown & ~shrunk, camera, treatment, true, mask.string());
+    band = of_size(grown & ~shrunk, camera, treatment, true, source.mask_name);
   }
   if (treatment.grow > 0) cv::dilate(person, person, square(treatment.grow));
-  person = of_size(person, camera, treatment, true, mask.string());
-  colors = of_size(colors, camera, treatment, false, image.string());
+  person = of_size(person, camera, treatment, true, source.mask_name);
+  colors = of_size(colors, camera, treatment, false, source.image_name);
   if (camera.distorted()) {
     const cv::Mat map = undistortion_map(camera);
     colors = remapped(colors, map, cv::INTER_LINEAR);

@@ -1,8 +1,8 @@
 // From a photograph and its mask to a picture of a capture. For .cpp files only.
 #pragma once
 
-#include <filesystem>
 #include <opencv2/core.hpp>
+#include <string>
 
 #include "host/capture/camera.h"
 
@@ -20,9 +20,15 @@ struct PictureTreatment {
   int width = 0;        // columns to reduce to at last; 0: none
 };
 
+// A photograph and its mask as they lie on disk, 8 or 16 bits and any channels, and what errors call them. Where there are no
+// pixels yet, the name is that of a picture file.
+struct SourcePicture {
+  cv::Mat image, mask;
+  std::string image_name, mask_name;
+};
+
 // `camera`: of the picture on disk; its distortion is taken out. Pixels where the mask is not 0 are the person. Throws
 // InputError naming the file: missing, damaged, or of another size than the camera's.
-ImportedPicture import_picture(const std::filesystem::path& image, const std::filesystem::path& mask, const Camera& camera,
-                               const PictureTreatment& treatment);
+ImportedPicture import_picture(const SourcePicture& source, const Camera& camera, const PictureTreatment& treatment);
 
 }  // namespace arah

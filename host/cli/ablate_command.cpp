@@ -51,14 +51,15 @@ bool is_finished(const RunFolder& folder, const RunConfig& config) {
   return settings.steps > 0 ? end->step >= settings.steps : end->seconds + rounding >= 60 * settings.minutes;
 }
 
-// Before hours are spent: runs that lie there must be these, and the prior must fit.
+// Before hours are spent: runs that lie there must be these, and the prior must fit; what becomes of its pose networks is told.
 void check_folders(const Ablation& study, const std::filesystem::path& out, const Capture& capture) {
   for (const AblationVariant& variant : study.variants) {
     const RunFolder folder(out / variant.name);
     if (std::filesystem::exists(folder.config_file())) folder.check_continues(variant.config);
     if (variant.config.settings.prior.empty()) continue;
     Avatar avatar = make_avatar(variant.config.spec, capture, variant.config.settings.seed);
-    start_from_prior(avatar, read_prior(variant.config.settings.prior));
+    const std::string pose_networks = start_from_prior(avatar, read_prior(variant.config.settings.prior));
+    if (!pose_networks.empty()) fmt::print(stderr, "{}: {}\n", variant.name, pose_networks);
   }
 }
 

@@ -115,7 +115,7 @@ void add_import_command(CLI::App& program, Run& run) {
   command->add_option("--place", edits.place, "motion: x,y where the first frame's root is to stand, m, +Z up; x,y,z its height too")->delimiter(',');
   command->add_option("--scale", edits.scale, "motion: what the root's way is multiplied by (default: the ratio of the legs' lengths)")->check(CLI::Range(1e-6, 1e6));
   command->add_flag("--list-presets", options->list_presets, "print the published splits and do nothing else");
-  command->footer("Example: arah import zju-mocap CoreView_377 capture --body subject.glb --size 512\n         arah import motion dance.bvh dance.json --body myrun/avatar.safetensors --fps 30");
+  command->footer("Example: arah import zju-mocap CoreView_377 capture --body subject.glb --size 512\n         arah import people-snapshot female-3-casual capture --body SMPL_FEMALE.pkl --size 540 --border 2\n         arah import motion dance.bvh dance.json --body myrun/avatar.safetensors --fps 30");
   command->callback([options, &run] {
     run = [options] {
       if (options->list_presets) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/host/capture/made_up_sequence.h"
+#include "tests/host/capture/made_up_snapshot.h"
 #include "tests/stories/program.h"
 
 namespace arah {
@@ -46,6 +47,24 @@ TEST(ImportStory, ASequenceBecomesACaptureThatTrains) {
   EXPECT_EQ(hostile.code, 2);
   EXPECT_THAT(hostile.errors, AllOf(HasSubstr("annots.npy"), HasSubstr("'os.system'")));
   EXPECT_FALSE(std::filesystem::exists(at("ran")));
+  EXPECT_TRUE(std::filesystem::exists(at("capture") + "/cameras.json"));
+}
+
+TEST(ImportStory, AVideoOfOneCameraBecomesACapture) {
+  const MadeUpSnapshot sequence;
+  const auto at = [&](const std::string& name) { return (sequence.root / name).string(); };
+  const auto arah = [&](const std::vector<std::string>& words) { return Program(words, sequence.root.path()).wait(); };
+  const Outcome imported = arah({"import", "people-snapshot", sequence.folder.string(), at("capture"), "--body", at("body.glb"), "--frames", "train=0:4", "--frames", "novel=4:5"});
+  ASSERT_EQ(imported.code, 0) << imported.errors;
+  EXPECT_THAT(imported.output, AllOf(HasSubstr("note: The sequence has 6 poses, 5 pictures and 5 masks"), HasSubstr("SMPL's female model")));
+  const Outcome inspected = arah({"inspect", at("capture")});
+  EXPECT_EQ(inspected.code, 0) << inspected.errors;
+  EXPECT_THAT(inspected.output, AllOf(HasSubstr("camera"), HasSubstr("novel")));
+
+  sequence.write("masks.hdf5", "no masks");
+  const Outcome damaged = arah({"import", "people-snapshot", sequence.folder.string(), at("capture"), "--body", at("body.glb")});
+  EXPECT_EQ(damaged.code, 2);
+  EXPECT_THAT(damaged.errors, AllOf(HasSubstr("masks.hdf5"), HasSubstr("expected an HDF5 file")));
   EXPECT_TRUE(std::filesystem::exists(at("capture") + "/cameras.json"));
 }
 

@@ -20,6 +20,9 @@ struct SmallModel {
       weights[v * joints + v / 2] = 1.0;
     }
     for (std::size_t j = 0; j < joints; ++j) regressor[j * vertices + 2 * j] = 1.0;
+    // All different, and small: pose directions of the k-th number of the feature.
+    for (std::size_t i = 0; i < 3 * vertices; ++i)
+      for (std::size_t k = 0; k < 9 * (joints - 1); ++k) pose_directions.push_back(0.001 * static_cast<double>((7 * i + 3 * k) % 11) - 0.005);
     // Vertex 0 has six joints: 0.3, 0.25, 0.2, 0.15, 0.06 and 0.04.
     const double six[] = {0.3, 0.25, 0.2, 0.15, 0.06, 0.04};
     for (std::size_t j = 0; j < 6; ++j) weights[j] = six[j];
@@ -29,8 +32,8 @@ struct SmallModel {
   }
   std::string npz(bool deflate_them) const {
     return python::npz({{"v_template", python::npy({vertices, 3}, rest)},
-                        {"shapedirs", python::npy({vertices, 3, 2}, directions)},
-                        {"posedirs", python::npy({1, 3, 207}, std::vector<double>(621, 0.1))},
+                        {"shapedirs", python::npy({vertices, 3, shapes}, directions)},
+                        {"posedirs", python::npy({vertices, 3, 9 * (joints - 1)}, pose_directions)},
                         {"J_regressor", python::npy({joints, vertices}, regressor)},
                         {"weights", python::npy({vertices, joints}, weights)},
                         {"f", python::npy("<u4", {faces.size() / 3, 3}, python::raw(faces))},
@@ -59,15 +62,15 @@ struct SmallModel {
     const std::string kind = by_rows ? "csr" : "csc";
     return python::pickle(python::dictionary(
         {{"v_template", python::array({vertices, 3}, rest)},
-         {"shapedirs", python::instance("chumpy.ch", "Ch", python::dictionary({{"x", python::array({vertices, 3, 2}, directions)}, {"_dirty_vars", python::call(python::name("__builtin__", "set"), {python::list({python::text("x")})})}}))},
+         {"shapedirs", python::instance("chumpy.ch", "Ch", python::dictionary({{"x", python::array({vertices, 3, shapes}, directions)}, {"_dirty_vars", python::call(python::name("__builtin__", "set"), {python::list({python::text("x")})})}}))},
          {"J_regressor", python::instance("scipy.sparse." + kind, kind + "_matrix", sparse)},
          {"weights", python::array({vertices, joints}, weights)},
          {"f", python::array("u4", {faces.size() / 3, 3}, python::bytes(python::raw(faces)))},
          {"kintree_table", python::array("u4", {2, joints}, python::bytes(python::raw(tree)))},
          {"bs_type", python::text("lrotmin")}}));
   }
-  std::size_t joints, vertices;
-  std::vector<double> rest, directions, regressor, weights;
+  std::size_t joints, vertices, shapes = 2;
+  std::vector<double> rest, directions, pose_directions, regressor, weights;
   std::vector<std::uint32_t> faces, tree;
 };
 
