@@ -31,7 +31,7 @@ struct Correction {
   bool inverts_mask = false, mirrors_picture = false;
 };
 
-glm::dmat3 mirror(int axis) {
+glm::dmat3 mirrored_axis(int axis) {
   glm::dmat3 m(1.0);
   m[axis][axis] = -1.0;
   return m;
@@ -41,7 +41,7 @@ glm::dmat3 mirror(int axis) {
 // rest pose is in such a world.
 Pose in_axes(const Pose& pose, const glm::dmat3& axes) {
   const bool other_hand = glm::determinant(axes) < 0.0;
-  const glm::dmat3 own = other_hand ? mirror(0) : glm::dmat3(1.0);
+  const glm::dmat3 own = other_hand ? mirrored_axis(0) : glm::dmat3(1.0);
   Pose result = pose;
   result.root_position = axes * pose.root_position;
   for (std::size_t j = 0; j < pose.theta.size(); ++j) {
@@ -146,8 +146,8 @@ void add_other_hands(std::vector<Correction>& list) {
       list.push_back({"R and T of cameras.json are of a left-handed world and camera, where right-handed ones belong",
                       fmt::format("{} of the cameras and {} of their world mirrored", "xyz"[own], "xyz"[world]), [own, world](const Camera& from) {
                         Camera camera = from;
-                        camera.R = mirror(own) * camera.R * mirror(world);
-                        camera.T = mirror(own) * camera.T;
+                        camera.R = mirrored_axis(own) * camera.R * mirrored_axis(world);
+                        camera.T = mirrored_axis(own) * camera.T;
                         return camera;
                       }});
     }
@@ -284,13 +284,13 @@ Comparison compare(const std::vector<Agreement>& before, const std::vector<std::
   return result;
 }
 
-struct Seen {
+struct SeenMasks {
   std::vector<const SeenMask*> masks;
   std::vector<Agreement> before;
 
-  Seen evenly(std::size_t most) const {
+  SeenMasks evenly(std::size_t most) const {
     if (masks.size() <= most) return *this;
-    Seen some;
+    SeenMasks some;
     for (std::size_t i = 0; i < most; ++i) {
       const std::size_t at = i * masks.size() / most;
       some.masks.push_back(masks[at]);
@@ -311,9 +311,9 @@ struct Seen {
   }
 };
 
-std::optional<Diagnosis> diagnose_these(const Capture& capture, PosedBodies& bodies, const Seen& seen, const std::vector<Correction>& corrections, const std::string& of) {
+std::optional<Diagnosis> diagnose_these(const Capture& capture, PosedBodies& bodies, const SeenMasks& seen, const std::vector<Correction>& corrections, const std::string& of) {
   const bool off = seen.off();
-  const Seen some = seen.evenly(kFirstLook);
+  const SeenMasks some = seen.evenly(kFirstLook);
   std::vector<std::pair<double, std::size_t>> ranking;  // loss, correction
   for (std::size_t c = 0; c < corrections.size(); ++c) {
     if (!off && corrections[c].shift == 0) continue;  // a step too many or too few leaves most of the body in the masks
@@ -356,7 +356,7 @@ std::vector<Diagnosis> diagnose(const Capture& capture, std::span<const SeenMask
   std::copy_if(all.begin(), all.end(), std::back_inserter(of_a_camera), [](const Correction& correction) { return !correction.pose; });
 
   const auto chosen = [&](const auto& wanted) {
-    Seen seen;
+    SeenMasks seen;
     for (std::size_t i = 0; i < masks.size(); ++i) {
       if (!wanted(masks[i])) continue;
       seen.masks.push_back(&masks[i]);
@@ -380,7 +380,7 @@ std::vector<Diagnosis> diagnose(const Capture& capture, std::span<const SeenMask
   }
   std::map<std::string, std::pair<std::size_t, double>> of_cause;  // its diagnosis, and of how many cameras
   for (const std::size_t camera : cameras) {
-    const Seen seen = chosen([&](const SeenMask& mask) { return mask.camera == camera && !explained.contains(mask.split); });
+    const SeenMasks seen = chosen([&](const SeenMask& mask) { return mask.camera == camera && !explained.contains(mask.split); });
     if (seen.masks.empty() || cameras.size() == 1) continue;
     const std::string& name = capture.cameras[camera].name;
     const auto found = diagnose_these(capture, bodies, seen, of_a_camera, "camera " + name);

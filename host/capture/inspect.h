@@ -22,7 +22,7 @@ std::string inspect_motion(const Motion& motion);
 struct InspectedView {
   std::string split;
   std::size_t camera = 0;
-  int frame = 0;                     // the one that fits worst
+  int frame = -1;                    // the one that fits worst, or the first; -1: there is no picture
   double inside = 0, least = 0;      // share of the vertices in view that lie in the mask: mean, and of that frame
   double overlap = 0;                // of silhouettes and masks, mean (diagnosis.h)
   std::vector<int> out_of_view;      // frames whose pictures show nothing of the template
