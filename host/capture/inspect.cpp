@@ -9,6 +9,7 @@
 #include <set>
 
 #include "host/body/canonical.h"
+#include "host/body/gltf_motion.h"
 #include "host/body/motion_file.h"
 #include "host/capture/diagnosis.h"
 #include "host/input_error.h"
@@ -342,11 +343,35 @@ std::string inspect_capture(const Capture& capture, int images_per_camera) {
   return examine_capture(capture, images_per_camera).report;
 }
 
+namespace {
+
+// A template, its animations, or both.
+std::string inspect_gltf(const std::filesystem::path& path) {
+  const std::vector<std::string> animations = gltf_animation_names(path);
+  if (animations.empty()) return inspect_template(read_body_template(path));
+  std::string report;
+  try {
+    report = inspect_template(read_body_template(path));
+  } catch (const InputError& error) {
+    line(&report, "no template: {}", error.what());
+  }
+  for (const std::string& animation : animations) {
+    try {
+      report += inspect_motion_file(read_motion_file(path, animation));
+    } catch (const InputError& error) {
+      line(&report, "no motion: {}", error.what());
+    }
+  }
+  return report;
+}
+
+}  // namespace
+
 std::string inspect(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(path)) return inspect_capture(open_capture(path));
   if (!std::filesystem::exists(path)) throw InputError(path.string(), "", "a file or a folder", "nothing of this name");
   const std::string extension = path.extension().string();
-  if (extension == ".glb" || extension == ".gltf") return inspect_template(read_body_template(path));
+  if (extension == ".glb" || extension == ".gltf") return inspect_gltf(path);
   if (path.filename() == "cameras.json") {
     std::string report;
     for (const Camera& camera : read_cameras(path)) {
@@ -357,7 +382,7 @@ std::string inspect(const std::filesystem::path& path) {
   }
   if (extension == ".json") return inspect_motion(read_motion(path));
   if (is_foreign_motion(path)) return inspect_motion_file(read_motion_file(path));
-  throw InputError(path.string(), "", "a capture's folder, a motion (.json, .bvh, .npz, .pkl) or a template (.glb, .gltf)",
+  throw InputError(path.string(), "", "a capture's folder, a motion (.json, .bvh, .glb, .gltf, .npz, .pkl) or a template (.glb, .gltf)",
                    "a file ending in '" + extension + "'");
 }
 

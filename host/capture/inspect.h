@@ -10,7 +10,7 @@
 
 namespace arah {
 
-// The report on PATH: a capture (a folder), a motion (.json, .bvh, .npz, .pkl), cameras (cameras.json) or a template (.glb, .gltf). Lines
+// The report on PATH: a capture (a folder), a motion (.json, .bvh, .npz, .pkl), cameras (cameras.json), a template or animations (.glb, .gltf). Lines
 // that begin with "warning:" say what looks wrong. Throws InputError if the path is none of these or cannot be read at
 // all.
 std::string inspect(const std::filesystem::path& path);

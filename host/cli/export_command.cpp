@@ -28,8 +28,8 @@ struct ExportOptions {
   int every = 1, count = 0, texture_size = 1024;
   std::size_t points = 0;
   uint64_t seed = 0;
-  double cell = 0.008, fps = 25;
-  std::optional<double> outline;
+  double cell = 0.008;
+  std::optional<double> outline, fps;
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
@@ -61,7 +61,7 @@ int export_glb(const ExportOptions& options, const Avatar& avatar, const ChosenM
   settings.outlined = !options.outline;
   settings.animated = !options.motion.rests() && avatar.spec.skinning.kind != Skinning::none;
   settings.z_up = motion.up == UpAxis::z;
-  settings.frames_per_second = options.fps;
+  settings.frames_per_second = rate_of(motion, options.fps, options.every, options.frame.has_value());
   Device device(options.device);
   Progress progress("export", 1.0, "");
   MeshExtraction extraction(device, avatar, options.cell, options.outline.value_or(0) * density_scale(avatar));
@@ -132,7 +132,7 @@ void add_export_command(CLI::App& program, Run& run) {
   command->add_option("--colors", options->colors, "texture (a .glb's default), vertex (else) or none")->check(CLI::IsMember({"texture", "vertex", "none"}));
   command->add_option("--texture-size", options->texture_size, "columns and rows of the texture")->check(CLI::Range(64, 8192))->capture_default_str();
   command->add_option("--code", options->color_frame, "training frame whose learned code colours (and, where the shape follows it, shapes) all frames (default: each frame's own; the last one's outside of training)");
-  command->add_option("--fps", options->fps, "frames a second of the animation")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+  add_rate_option(*command, options->fps, "frames a second of the animation");
   command->add_option("--points", options->points, "instead of the mesh so many points, evenly over its surface at random, with normals and colours")->check(CLI::Range(std::size_t{1}, std::size_t{100'000'000}));
   command->add_option("--seed", options->seed, "of the points")->capture_default_str();
   add_device_option(*command, options->device);

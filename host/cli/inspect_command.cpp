@@ -40,7 +40,7 @@ void add_inspect_command(CLI::App& program, Run& run) {
       program.add_subcommand("inspect", "Say what a capture, motion, template or avatar holds, and what looks wrong");
   command
       ->add_option("PATH", options->path,
-                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl) or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors)")
+                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl, .glb, .gltf) or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors)")
       ->required();
   command->add_option("--preset", options->preset, "sizes that the choice of an avatar's parts starts from")
       ->check(CLI::IsMember(preset_names()))
