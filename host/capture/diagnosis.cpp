@@ -328,7 +328,7 @@ std::optional<Diagnosis> diagnose_these(const Capture& capture, PosedBodies& bod
     const Comparison comparison = compare(seen.before, corrected(capture, bodies, seen.masks, corrections[c]));
     // Of two that are as good the usual one, which comes first.
     if (!comparison.helps(seen.masks.size()) || (best && comparison.after.overlap < best->after.overlap + 0.005)) continue;
-    best = Diagnosis{of, corrections[c].cause, corrections[c].undone, comparison.before, comparison.after};
+    best = Diagnosis{of, corrections[c].cause, corrections[c].undone, comparison.before, comparison.after, "", {}};
   }
   return best;
 }
@@ -375,6 +375,7 @@ std::vector<Diagnosis> diagnose(const Capture& capture, std::span<const SeenMask
     if (splits.size() == 1) break;
     if (const auto found = diagnose_these(capture, bodies, chosen([&](const SeenMask& seen) { return seen.split == split; }), all, "split " + split)) {
       result.push_back(*found);
+      result.back().split = split;
       explained.insert(split);
     }
   }
@@ -388,9 +389,11 @@ std::vector<Diagnosis> diagnose(const Capture& capture, std::span<const SeenMask
     const auto [place, first] = of_cause.try_emplace(found->cause, result.size(), 1.0);
     if (first) {
       result.push_back(*found);
+      result.back().cameras.push_back(camera);
       continue;
     }
     Diagnosis& same = result[place->second.first];
+    same.cameras.push_back(camera);
     const double count = ++place->second.second;
     same.of += ", " + name;
     for (const auto& [mean, value] : {std::pair{&same.before, &found->before}, std::pair{&same.after, &found->after}}) {
@@ -399,6 +402,10 @@ std::vector<Diagnosis> diagnose(const Capture& capture, std::span<const SeenMask
     }
   }
   return result;
+}
+
+bool Diagnosis::covers(const std::string& of_split, std::size_t camera) const {
+  return (split.empty() || split == of_split) && (cameras.empty() || std::find(cameras.begin(), cameras.end(), camera) != cameras.end());
 }
 
 std::string describe(const Diagnosis& diagnosis) {

@@ -30,6 +30,10 @@ struct Diagnosis {
   std::string cause;   // "the pictures are mirrored, left to right"
   std::string undone;  // what was tried, for "with …": "R transposed"
   Agreement before, after;
+  std::string split;                 // the one that it is about; empty: all
+  std::vector<std::size_t> cameras;  // those that it is about; empty: all
+
+  bool covers(const std::string& of_split, std::size_t camera) const;
 };
 
 // How the capture is as it stands, one for each of the masks.

@@ -157,12 +157,12 @@ InspectedView inspect_view(const Capture& capture, const std::string& split, std
   return result;
 }
 
-// What explains a bad fit; where nothing does, which views fit badly.
+// What explains a bad fit, and which views fit badly where nothing does.
 void inspect_fit(const Capture& capture, const std::vector<InspectedView>& views, const std::vector<SeenMask>& masks, const std::vector<Agreement>& fits, std::string* report) {
   const std::vector<Diagnosis> found = diagnose(capture, masks, fits);
   for (const Diagnosis& diagnosis : found) line(report, "warning: {}", describe(diagnosis));
-  if (!found.empty()) return;
   for (const InspectedView& view : views) {
+    if (std::any_of(found.begin(), found.end(), [&](const Diagnosis& diagnosis) { return diagnosis.covers(view.split, view.camera); })) continue;
     const std::string& name = capture.cameras[view.camera].name;
     if (!view.out_of_view.empty()) {
       line(report, "warning: {} {}: the posed template is outside the picture in frames {}", view.split, name,

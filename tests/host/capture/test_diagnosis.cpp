@@ -234,6 +234,13 @@ TEST_F(DiagnosisTest, PicturesAndPosesOutOfStep) {
   }
 }
 
+// What explains one camera does not hide that another is off.
+TEST_F(DiagnosisTest, OneCameraIsExplainedAndAnotherIsOff) {
+  capture.cameras[1].R = glm::transpose(capture.cameras[1].R);
+  capture.cameras[3].T += glm::dvec3(0.5, -0.4, 0.9);
+  EXPECT_THAT(warnings(), ElementsAre(AllOf(HasSubstr("camera cam_01: "), HasSubstr("R of cameras.json is transposed")), AllOf(HasSubstr("novel cam_03: only "), HasSubstr("are off")), HasSubstr("train cam_03: only ")));
+}
+
 // A body that is simply elsewhere is said to be off, and none of the causes is blamed.
 TEST_F(DiagnosisTest, WhatNothingExplainsIsSaidToBeOff) {
   each_motion([](Motion& motion) { for (MotionFrame& frame : motion.frames) frame.pose.root_position += glm::dvec3(0.21, -0.17, 0.12); });
