@@ -19,14 +19,14 @@ namespace arah {
 namespace {
 
 constexpr int kMostShift = 8;           // frames
-constexpr std::size_t kFirstLook = 12;  // pictures by which corrections are ranked before all are looked at
+constexpr std::size_t kFirstLook = 8;   // pictures by which corrections are ranked before all are looked at
 constexpr std::size_t kRanked = 6;      // corrections that all pictures are tried with
 
 // A mistake undone. What is empty leaves its part as it is.
 struct Correction {
   std::string cause, undone;
-  std::function<Camera(const Camera&)> camera;
-  std::function<Pose(const Pose&)> pose;
+  std::function<Camera(const Camera&)> camera{};
+  std::function<Pose(const Pose&)> pose{};
   int shift = 0;  // frames of the motion by which the pose comes after the picture
   bool inverts_mask = false, mirrors_picture = false;
 };
