@@ -1,22 +1,17 @@
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <glm/geometric.hpp>
-#include <glm/gtc/quaternion.hpp>
 #include <glm/mat4x4.hpp>
 #include <glm/matrix.hpp>
-#include <iterator>
-#include <limits>
 
 #include "host/body/body_template.h"
 #include "host/body/gltf_accessor.h"
+#include "host/body/gltf_file.h"
 #include "host/body/morph_targets.h"
 #include "host/input_error.h"
 
 namespace arah {
 namespace {
-
-constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 bool finite(const glm::dvec3& v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
@@ -30,63 +25,6 @@ double difference(const glm::dmat4& a, const glm::dmat4& b) {
   }
   return largest;
 }
-
-glm::dmat4 local_transform(const tinygltf::Node& node) {
-  glm::dmat4 result(1.0);
-  if (node.matrix.size() == 16) {
-    for (int c = 0; c < 4; ++c) {
-      for (int r = 0; r < 4; ++r) result[c][r] = node.matrix[static_cast<std::size_t>(4 * c + r)];
-    }
-    return result;
-  }
-  if (node.rotation.size() == 4) {
-    result = glm::dmat4(glm::mat3_cast(
-        glm::normalize(glm::dquat(node.rotation[3], node.rotation[0], node.rotation[1], node.rotation[2]))));
-  }
-  for (int c = 0; node.scale.size() == 3 && c < 3; ++c) result[c] *= node.scale[static_cast<std::size_t>(c)];
-  if (node.translation.size() == 3) {
-    result[3] = glm::dvec4(node.translation[0], node.translation[1], node.translation[2], 1.0);
-  }
-  return result;
-}
-
-// The scene's nodes with their parents, checked to be a forest.
-class NodeTree {
- public:
-  NodeTree(const tinygltf::Model& model, const std::string& where)
-      : model_(model), parents_(model.nodes.size(), kNone) {
-    for (std::size_t n = 0; n < model.nodes.size(); ++n) {
-      for (int child : model.nodes[n].children) {
-        if (child < 0 || static_cast<std::size_t>(child) >= parents_.size() ||
-            parents_[static_cast<std::size_t>(child)] != kNone) {
-          throw InputError(where, fmt::format("node {}", n), "children that are nodes with one parent each",
-                           fmt::format("child {}", child));
-        }
-        parents_[static_cast<std::size_t>(child)] = n;
-      }
-    }
-    for (std::size_t n = 0; n < parents_.size(); ++n) {
-      std::size_t steps = 0;
-      for (std::size_t at = n; at != kNone; at = parents_[at]) {
-        if (++steps > parents_.size()) {
-          throw InputError(where, fmt::format("node {}", n), "a tree", "a node below itself");
-        }
-      }
-    }
-  }
-
-  std::size_t parent(std::size_t node) const { return parents_[node]; }
-
-  glm::dmat4 world(std::size_t node) const {
-    glm::dmat4 result(1.0);
-    for (std::size_t at = node; at != kNone; at = parents_[at]) result = local_transform(model_.nodes[at]) * result;
-    return result;
-  }
-
- private:
-  const tinygltf::Model& model_;
-  std::vector<std::size_t> parents_;
-};
 
 // A skeleton and how the file's skin maps to it.
 struct Rig {
@@ -120,14 +58,14 @@ std::vector<glm::dmat4> inverse_bind_matrices(const tinygltf::Model& model, cons
 // The transform from the mesh's space to the world at rest. Where the scene's nodes stand in the bind pose it is
 // node · inverse bind matrix, one matrix for all joints; otherwise the root joint's parent, the armature, places the
 // body.
-glm::dmat4 mesh_to_world(const NodeTree& tree, const std::vector<std::size_t>& joint_nodes,
+glm::dmat4 mesh_to_world(const GltfNodeTree& tree, const std::vector<std::size_t>& joint_nodes,
                          const std::vector<glm::dmat4>& inverse_bind, std::size_t root, const std::string& where) {
   glm::dmat4 result = tree.world(joint_nodes[root]) * inverse_bind[root];
   const double scale = std::max(1.0, glm::length(glm::dvec3(result[3])));
   for (std::size_t j = 0; j < joint_nodes.size(); ++j) {
     if (difference(tree.world(joint_nodes[j]) * inverse_bind[j], result) > 1e-4 * scale) {
       const std::size_t armature = tree.parent(joint_nodes[root]);
-      result = armature == kNone ? glm::dmat4(1.0) : tree.world(armature);
+      result = armature == kNoGltfNode ? glm::dmat4(1.0) : tree.world(armature);
       break;
     }
   }
@@ -144,7 +82,7 @@ glm::dmat4 mesh_to_world(const NodeTree& tree, const std::vector<std::size_t>& j
   return result;
 }
 
-Rig read_rig(const tinygltf::Model& model, const NodeTree& tree, const std::string& where) {
+Rig read_rig(const tinygltf::Model& model, const GltfNodeTree& tree, const std::string& where) {
   if (model.skins.empty()) {
     throw InputError(where, "skins", "a skinned mesh", "no skin", "Export the mesh together with its armature.");
   }
@@ -155,11 +93,11 @@ Rig read_rig(const tinygltf::Model& model, const NodeTree& tree, const std::stri
                      count > kMaxJoints ? "Merge the finest joints (fingers, face) into their parents." : "");
   }
   std::vector<std::size_t> nodes(count);
-  std::vector<std::size_t> slot_of_node(model.nodes.size(), kNone);
+  std::vector<std::size_t> slot_of_node(model.nodes.size(), kNoGltfNode);
   for (std::size_t j = 0; j < count; ++j) {
     const int node = skin.joints[j];
     if (node < 0 || static_cast<std::size_t>(node) >= model.nodes.size() ||
-        slot_of_node[static_cast<std::size_t>(node)] != kNone) {
+        slot_of_node[static_cast<std::size_t>(node)] != kNoGltfNode) {
       throw InputError(where, fmt::format("skin joint {}", j), "a node, each once", fmt::format("node {}", node));
     }
     nodes[j] = static_cast<std::size_t>(node);
@@ -167,14 +105,14 @@ Rig read_rig(const tinygltf::Model& model, const NodeTree& tree, const std::stri
   }
 
   // A joint's parent is its nearest ancestor that is a joint too.
-  std::vector<std::size_t> parent_slot(count, kNone);
-  std::size_t root = kNone;
+  std::vector<std::size_t> parent_slot(count, kNoGltfNode);
+  std::size_t root = kNoGltfNode;
   for (std::size_t j = 0; j < count; ++j) {
     std::size_t at = tree.parent(nodes[j]);
-    while (at != kNone && slot_of_node[at] == kNone) at = tree.parent(at);
-    if (at != kNone) {
+    while (at != kNoGltfNode && slot_of_node[at] == kNoGltfNode) at = tree.parent(at);
+    if (at != kNoGltfNode) {
       parent_slot[j] = slot_of_node[at];
-    } else if (root == kNone) {
+    } else if (root == kNoGltfNode) {
       root = j;
     } else {
       throw InputError(where, "skin", "one root joint",
@@ -313,7 +251,7 @@ BodyTemplate template_from_model(const tinygltf::Model& model, const std::string
       throw InputError(where, "extensionsRequired", "plain data", extension, "Export without compression.");
     }
   }
-  const NodeTree tree(model, where);
+  const GltfNodeTree tree(model, where);
   const Rig rig = read_rig(model, tree, where);
   BodyTemplate body;
   body.skeleton = rig.skeleton;
@@ -345,54 +283,19 @@ BodyTemplate template_from_model(const tinygltf::Model& model, const std::string
   return body;
 }
 
-// Textures are not needed; without a loader tinygltf refuses files that have any.
-bool ignore_image(tinygltf::Image*, int, std::string*, std::string*, int, int, const unsigned char*, int, void*) {
-  return true;
-}
-
-tinygltf::Model parse(std::span<const std::byte> bytes, const std::string& where, const std::string& folder) {
-  if (bytes.size() > std::numeric_limits<unsigned int>::max()) {
-    throw InputError(where, "", "less than 4 GiB", fmt::format("{} bytes", bytes.size()));
-  }
-  tinygltf::TinyGLTF reader;
-  reader.SetImageLoader(ignore_image, nullptr);
-  tinygltf::Model model;
-  std::string error, warning;
-  const unsigned int size = static_cast<unsigned int>(bytes.size());
-  const bool binary = bytes.size() >= 4 && std::memcmp(bytes.data(), "glTF", 4) == 0;
-  const bool read =
-      binary ? reader.LoadBinaryFromMemory(&model, &error, &warning,
-                                           reinterpret_cast<const unsigned char*>(bytes.data()), size, folder)
-             : reader.LoadASCIIFromString(&model, &error, &warning, reinterpret_cast<const char*>(bytes.data()), size,
-                                          folder);
-  if (!read) {
-    std::replace(error.begin(), error.end(), '\n', ' ');
-    throw InputError(where, "", "a glTF 2.0 file",
-                     bytes.empty() ? "an empty one" : "one that cannot be read: " + error);
-  }
-  return model;
-}
-
 }  // namespace
 
 BodyTemplate read_body_template_bytes(std::span<const std::byte> bytes, const std::string& where) {
-  BodyTemplate body = template_from_model(parse(bytes, where, ""), where);
+  BodyTemplate body = template_from_model(parse_gltf(bytes, where, ""), where);
   body.glb.assign(bytes.begin(), bytes.end());
   return body;
 }
 
 BodyTemplate read_body_template(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file || std::filesystem::is_directory(path)) {
-    throw InputError(path.string(), "", "a glTF file", "none that can be opened");
-  }
-  const std::vector<char> content((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  const std::span<const std::byte> bytes = std::as_bytes(std::span(content));
-  if (content.size() >= 4 && std::memcmp(content.data(), "glTF", 4) == 0) {
-    return read_body_template_bytes(bytes, path.string());
-  }
+  const std::vector<std::byte> bytes = gltf_bytes(path);
+  if (is_binary_gltf(bytes)) return read_body_template_bytes(bytes, path.string());
   // A text file's buffers may lie beside it; what an avatar carries along must be one piece.
-  BodyTemplate body = template_from_model(parse(bytes, path.string(), path.parent_path().string()), path.string());
+  BodyTemplate body = template_from_model(parse_gltf(bytes, path.string(), path.parent_path().string()), path.string());
   body.glb = body_template_glb(body);
   return body;
 }

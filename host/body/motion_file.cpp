@@ -6,6 +6,7 @@
 #include <glm/geometric.hpp>
 
 #include "host/body/bvh.h"
+#include "host/body/gltf_motion.h"
 #include "host/body/npz.h"
 #include "host/body/pickle.h"
 #include "host/body/smpl_joints.h"
@@ -123,7 +124,7 @@ bool is_foreign_motion(const std::filesystem::path& path) {
   return path.extension() == ".bvh" || path.extension() == ".npz" || path.extension() == ".pkl";
 }
 
-MotionFile read_motion_file(const std::filesystem::path& path) {
+MotionFile read_motion_file(const std::filesystem::path& path, const std::string& animation, double frames_per_second) {
   const std::string extension = path.extension().string();
   MotionFile result;
   if (extension == ".bvh") {
@@ -134,11 +135,15 @@ MotionFile read_motion_file(const std::filesystem::path& path) {
     result = extension == ".npz" ? read_amass(path) : read_aist(path);
     result.settings.same_rest_degrees = kSameRestDegrees;
     result.notes.push_back("The file's hands, face and body shape are left out.");
+  } else if (extension == ".glb" || extension == ".gltf") {
+    GltfMotion read = read_gltf_motion(path, animation, frames_per_second);
+    result = {std::move(read.motion), fmt::format("glTF animation '{}'", read.animation), std::move(read.notes), {}};
+    stand_up(result.motion, {0.0, 1.0, 0.0});
   } else if (extension == ".json") {
     result.format = "motion";
     result.motion = read_motion(path);
   } else {
-    throw InputError(path.string(), "", "a motion: .bvh, .npz (AMASS), .pkl (AIST++) or .json", fmt::format("a file ending in '{}'", extension));
+    throw InputError(path.string(), "", "a motion: .bvh, .glb, .gltf, .npz (AMASS), .pkl (AIST++) or .json", fmt::format("a file ending in '{}'", extension));
   }
   return result;
 }

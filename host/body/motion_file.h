@@ -17,7 +17,7 @@ struct MotionFile {
   RetargetSettings settings;       // how its rest is to be taken
 };
 
-// Whether the file's name ends as one of these motions' does: .bvh, .npz, .pkl.
+// Whether the file's name ends as one of these motions' does: .bvh, .npz, .pkl. Not .glb and .gltf, which may be bodies.
 bool is_foreign_motion(const std::filesystem::path& path);
 
 // By the file's ending and content:
@@ -27,10 +27,12 @@ bool is_foreign_motion(const std::filesystem::path& path);
 //          mocap_frame_rate); +Z up already
 //   .pkl   AIST++: smpl_poses [N][72], smpl_trans [N][3] in units of 1 / smpl_scaling m (of 1 cm where that is missing), 60
 //          frames a second; +Y up, becomes +Z (x, −z, y)
+//   .glb, .gltf   read_gltf_motion; +Y up, becomes +Z. `animation` is its name, `frames_per_second` the rate it is sampled at; both mean
+//          nothing to other files
 // AMASS and AIST++ files hold no skeleton. Their joints are the 22 that SMPL's bodies share, fingers and hands at rest, at the
 // places of SMPL's mean male body, to the millimetre; since the body of the file had another shape, a rig that rests within 10 degrees
 // of it rests alike (ARAH.md §8). Throws InputError naming file and field: none of these, damaged, numbers that are not finite or
 // beyond 1e6, counts that disagree, no frames, a rate that is none.
-MotionFile read_motion_file(const std::filesystem::path& path);
+MotionFile read_motion_file(const std::filesystem::path& path, const std::string& animation = "", double frames_per_second = 0);
 
 }  // namespace arah

@@ -9,7 +9,9 @@
 #include <set>
 
 #include "host/body/canonical.h"
+#include "host/body/gltf_motion.h"
 #include "host/body/motion_file.h"
+#include "host/capture/diagnosis.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -18,6 +20,7 @@ namespace {
 constexpr int kWidth = 512;  // columns at which coverage is measured: the mask grows by 3 of these pixels
 constexpr int kGrowth = 3;   // pixels
 constexpr double kLowCoverage = 0.98;
+constexpr double kLowOverlap = 0.1;  // less than that no clothes explain
 
 template <typename... Args>
 void line(std::string* report, fmt::format_string<Args...> format, Args&&... args) {
@@ -80,61 +83,97 @@ double coverage(const Camera& camera, const Image& image, const std::vector<glm:
   return seen == 0 ? -1.0 : static_cast<double>(covered) / static_cast<double>(seen);
 }
 
-// The pictures of one split from one camera: how many, which are missing, and how well the body fits the masks.
-void inspect_view(const Capture& capture, const std::string& split, std::size_t camera, int images,
-                  std::string* report) {
+// alpha >= 0.5, in at most kDiagnosisWidth columns.
+PixelMask mask_of(const Image& image) {
+  const Image small = image.width > kDiagnosisWidth ? reduced(image, kDiagnosisWidth) : image;
+  PixelMask mask{small.width, small.height, {}};
+  for (std::size_t p = 3; p < small.rgba.size(); p += 4) mask.inside.push_back(small.rgba[p] >= 0.5f ? 1 : 0);
+  return mask;
+}
+
+// The pictures of one split from one camera: how many, which are missing, and how well the body fits the masks, which are kept.
+InspectedView inspect_view(const Capture& capture, const std::string& split, std::size_t camera, int images, std::vector<SeenMask>* masks, std::vector<Agreement>* fits, std::string* report) {
   const Motion& motion = capture.motions.at(split);
   const std::string& name = capture.cameras[camera].name;
   const std::vector<int> frames = frames_with_images(capture, split, camera);
+  InspectedView result;
+  result.split = split;
+  result.camera = camera;
   if (frames.empty()) {
     line(report, "  {} {}: no pictures", split, name);
-    return;
+    return result;
   }
   const Camera view = capture.cameras[camera].scaled(std::min(kWidth, capture.cameras[camera].width));
   const std::size_t count = std::min(frames.size(), static_cast<std::size_t>(std::max(0, images)));
-  double sum = 0.0, least = 1.0;
-  int least_frame = frames[0], measured = 0;
-  std::vector<int> empty, out_of_view;
+  const std::size_t first_mask = masks->size();
+  result.frame = frames[0];
+  result.least = 1.0;
+  std::vector<int> empty, full;
+  std::string unreadable;
   for (std::size_t i = 0; i < count; ++i) {
     const int frame = frames[count == 1 ? 0 : i * (frames.size() - 1) / (count - 1)];
     Image image;
     try {
       image = load_image(capture, split, camera, frame, view.width);
     } catch (const InputError& error) {
-      line(report, "warning: {}", error.what());
+      line(&unreadable, "warning: {}", error.what());
       continue;
     }
-    bool any = false;
-    for (std::size_t p = 3; !any && p < image.rgba.size(); p += 4) any = image.rgba[p] >= 0.5f;
-    if (!any) empty.push_back(frame);
-    const double share = coverage(view, image, posed_vertices(capture.body_template, find_frame(motion, frame)->pose));
+    std::size_t inside = 0;
+    for (std::size_t p = 3; p < image.rgba.size(); p += 4) inside += image.rgba[p] >= 0.5f ? 1 : 0;
+    if (inside == 0 || 4 * inside == image.rgba.size()) {
+      (inside == 0 ? empty : full).push_back(frame);
+      continue;
+    }
+    const MotionFrame* of_motion = find_frame(motion, frame);
+    masks->push_back({split, static_cast<std::size_t>(of_motion - motion.frames.data()), camera, mask_of(image)});
+    const double share = coverage(view, image, posed_vertices(capture.body_template, of_motion->pose));
     if (share < 0.0) {
-      out_of_view.push_back(frame);
+      result.out_of_view.push_back(frame);
       continue;
     }
-    ++measured;
-    sum += share;
-    if (share < least) {
-      least = share;
-      least_frame = frame;
+    ++result.measured;
+    result.inside += share;
+    if (share < result.least) {
+      result.least = share;
+      result.frame = frame;
     }
   }
   std::string text =
       fmt::format("  {} {}: {} of {} frames have pictures", split, name, frames.size(), motion.frames.size());
-  if (measured > 0) {
-    text += fmt::format("; template inside the mask: mean {:.2f} %, least {:.2f} % (frame {}), {} measured",
-                        100.0 * sum / measured, 100.0 * least, least_frame, measured);
+  const std::vector<Agreement> fit = agreements(capture, std::span(*masks).subspan(first_mask));
+  fits->insert(fits->end(), fit.begin(), fit.end());
+  if (result.measured > 0) {
+    result.inside /= result.measured;
+    for (const Agreement& agreement : fit) result.overlap += agreement.overlap / static_cast<double>(fit.size());
+    text += fmt::format("; template inside the mask: mean {:.2f} %, least {:.2f} % (frame {}), {} measured; silhouettes overlap by {:.0f} %",
+                        100.0 * result.inside, 100.0 * result.least, result.frame, result.measured, 100.0 * result.overlap);
   }
-  line(report, "{}", text);
-  if (measured > 0 && sum / measured < kLowCoverage) {
-    line(report,
-         "warning: {} {}: only {:.1f} % of the template falls into the masks: calibration, poses or masks are off",
-         split, name, 100.0 * sum / measured);
-  }
+  line(report, "{}{}", text, unreadable.empty() ? "" : "\n" + unreadable.substr(0, unreadable.size() - 1));
   if (!empty.empty()) line(report, "warning: {} {}: empty masks in frames {}", split, name, ranges(empty));
-  if (!out_of_view.empty()) {
-    line(report, "warning: {} {}: the posed template is outside the picture in frames {}", split, name,
-         ranges(out_of_view));
+  if (!full.empty()) {
+    line(report, "warning: {} {}: masks that fill the whole picture in frames {}: is the person cut out?", split, name, ranges(full));
+  }
+  return result;
+}
+
+// What explains a bad fit, and which views fit badly where nothing does.
+void inspect_fit(const Capture& capture, const std::vector<InspectedView>& views, const std::vector<SeenMask>& masks, const std::vector<Agreement>& fits, std::string* report) {
+  const std::vector<Diagnosis> found = diagnose(capture, masks, fits);
+  for (const Diagnosis& diagnosis : found) line(report, "warning: {}", describe(diagnosis));
+  for (const InspectedView& view : views) {
+    if (std::any_of(found.begin(), found.end(), [&](const Diagnosis& diagnosis) { return diagnosis.covers(view.split, view.camera); })) continue;
+    const std::string& name = capture.cameras[view.camera].name;
+    if (!view.out_of_view.empty()) {
+      line(report, "warning: {} {}: the posed template is outside the picture in frames {}", view.split, name,
+           ranges(view.out_of_view));
+    }
+    if (view.measured == 0) continue;
+    if (view.inside < kLowCoverage) {
+      line(report, "warning: {} {}: only {:.1f} % of the template falls into the masks: calibration, poses or masks are off", view.split, name, 100.0 * view.inside);
+    } else if (view.overlap < kLowOverlap) {
+      line(report, "warning: {} {}: the template covers little of the masks, silhouettes overlap by {:.0f} %: calibration, poses or masks are off", view.split, name, 100.0 * view.overlap);
+    }
   }
 }
 
@@ -240,8 +279,11 @@ std::string inspect_motion(const Motion& motion) {
   return report;
 }
 
-std::string inspect_capture(const Capture& capture, int images_per_camera) {
-  std::string report;
+CaptureInspection examine_capture(const Capture& capture, int images_per_camera) {
+  CaptureInspection result;
+  std::string& report = result.report;
+  std::vector<SeenMask> masks;
+  std::vector<Agreement> fits;
   line(&report, "capture {}: {} cameras, {} splits", capture.path.string(), capture.cameras.size(),
        capture.motions.size());
   report += inspect_template(capture.body_template);
@@ -268,7 +310,7 @@ std::string inspect_capture(const Capture& capture, int images_per_camera) {
     if (!without.empty()) line(&report, "warning: {}: frames without a picture: {}", split, ranges(without));
     // A training camera should see every training frame; held-out ones may see a few.
     for (std::size_t c = 0; c < capture.cameras.size(); ++c) {
-      inspect_view(capture, split, c, images_per_camera, &report);
+      result.views.push_back(inspect_view(capture, split, c, images_per_camera, &masks, &fits, &report));
       if (split != "train" || capture.cameras[c].role != "train") continue;
       const std::vector<int> present = frames_with_images(capture, split, c);
       const std::set<int> found(present.begin(), present.end());
@@ -281,14 +323,55 @@ std::string inspect_capture(const Capture& capture, int images_per_camera) {
       }
     }
   }
+  inspect_fit(capture, result.views, masks, fits, &report);
+  return result;
+}
+
+std::vector<std::string> CaptureInspection::warnings() const {
+  constexpr std::string_view kWord = "warning: ";
+  std::vector<std::string> found;
+  for (std::size_t at = 0; at < report.size();) {
+    const std::size_t end = std::min(report.find('\n', at), report.size());
+    const std::string text = report.substr(at, end - at);
+    if (text.starts_with(kWord)) found.push_back(text.substr(kWord.size()));
+    at = end + 1;
+  }
+  return found;
+}
+
+std::string inspect_capture(const Capture& capture, int images_per_camera) {
+  return examine_capture(capture, images_per_camera).report;
+}
+
+namespace {
+
+// A template, its animations, or both.
+std::string inspect_gltf(const std::filesystem::path& path) {
+  const std::vector<std::string> animations = gltf_animation_names(path);
+  if (animations.empty()) return inspect_template(read_body_template(path));
+  std::string report;
+  try {
+    report = inspect_template(read_body_template(path));
+  } catch (const InputError& error) {
+    line(&report, "no template: {}", error.what());
+  }
+  for (const std::string& animation : animations) {
+    try {
+      report += inspect_motion_file(read_motion_file(path, animation));
+    } catch (const InputError& error) {
+      line(&report, "no motion: {}", error.what());
+    }
+  }
   return report;
 }
+
+}  // namespace
 
 std::string inspect(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(path)) return inspect_capture(open_capture(path));
   if (!std::filesystem::exists(path)) throw InputError(path.string(), "", "a file or a folder", "nothing of this name");
   const std::string extension = path.extension().string();
-  if (extension == ".glb" || extension == ".gltf") return inspect_template(read_body_template(path));
+  if (extension == ".glb" || extension == ".gltf") return inspect_gltf(path);
   if (path.filename() == "cameras.json") {
     std::string report;
     for (const Camera& camera : read_cameras(path)) {
@@ -299,7 +382,7 @@ std::string inspect(const std::filesystem::path& path) {
   }
   if (extension == ".json") return inspect_motion(read_motion(path));
   if (is_foreign_motion(path)) return inspect_motion_file(read_motion_file(path));
-  throw InputError(path.string(), "", "a capture's folder, a motion (.json, .bvh, .npz, .pkl) or a template (.glb, .gltf)",
+  throw InputError(path.string(), "", "a capture's folder, a motion (.json, .bvh, .glb, .gltf, .npz, .pkl) or a template (.glb, .gltf)",
                    "a file ending in '" + extension + "'");
 }
 

@@ -29,7 +29,8 @@ struct AnimateOptions {
   std::string camera, beside, background = "white";
   std::optional<int> frame;
   int every = 1, count = 0, size = 0;
-  double orbit = 0, fps = 25, turns = 1;
+  double orbit = 0, turns = 1;
+  std::optional<double> fps;
   bool turntable = false, keep = false;
   QualityOptions quality;
   DeviceOptions device = DeviceOptions::from_environment();
@@ -121,9 +122,10 @@ int animate(const AnimateOptions& options) {
     progress.finish(working.string());
     return 0;
   }
-  const std::string codec = write_video(options.out, folder.pictures(), options.fps, background_color(options.background));
+  const double fps = rate_of(motion, options.fps, options.every, options.frame.has_value());
+  const std::string codec = write_video(options.out, folder.pictures(), fps, background_color(options.background));
   if (!options.keep) folder.remove();
-  progress.finish(fmt::format("{}  {}, {:g} frames a second, {:.2g} s", options.out.string(), codec, options.fps, double(frames.size()) / options.fps));
+  progress.finish(fmt::format("{}  {}, {:g} frames a second, {:.2g} s", options.out.string(), codec, fps, double(frames.size()) / fps));
   return 0;
 }
 
@@ -145,7 +147,7 @@ void add_animate_command(CLI::App& program, Run& run) {
   command->add_option("--orbit", options->orbit, "place of the camera, or where the turntable begins, degrees; 0 is in front of a person at rest")->check(CLI::Range(-1e6, 1e6))->capture_default_str()->excludes(camera)->excludes(cameras);
   command->add_option("--size", options->size, fmt::format("columns of a picture (default: the camera's; {} without one)", kCirclingSize))->check(CLI::Range(1, 8192));
   command->add_option("--beside", options->beside, "normals: a second picture right of the colour (world axes, n/2 + 1/2)")->check(CLI::IsMember({"normals"}));
-  command->add_option("--fps", options->fps, "pictures a second of the video")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+  add_rate_option(*command, options->fps, "pictures a second of the video");
   command->add_option("--background", options->background, "of the video: white, grey or black; PNGs have alpha instead")->check(CLI::IsMember({"white", "grey", "black"}))->capture_default_str();
   command->add_flag("--keep-frames", options->keep, "keep OUT.mp4.frames, the folder of PNGs that the video is made of");
   add_quality_options(*command, options->quality);

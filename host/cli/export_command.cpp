@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "host/avatar/avatar_file.h"
@@ -12,6 +13,7 @@
 #include "host/cli/progress.h"
 #include "host/cli/shader_progress.h"
 #include "host/evaluation/avatar_export.h"
+#include "host/evaluation/recorded_folder.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
 
@@ -29,8 +31,8 @@ struct ExportOptions {
   std::size_t points = 0, triangles = 0;
   bool largest_part = false;
   uint64_t seed = 0;
-  double cell = 0.008, fps = 25;
-  std::optional<double> outline;
+  double cell = 0.008;
+  std::optional<double> outline, fps;
   DeviceOptions device = DeviceOptions::from_environment();
 };
 
@@ -71,7 +73,7 @@ int export_glb(const ExportOptions& options, const Avatar& avatar, const ChosenM
   settings.outlined = !options.outline;
   settings.animated = !options.motion.rests() && avatar.spec.skinning.kind != Skinning::none;
   settings.z_up = motion.up == UpAxis::z;
-  settings.frames_per_second = options.fps;
+  settings.frames_per_second = rate_of(motion, options.fps, options.every, options.frame.has_value());
   Device device(options.device);
   Progress progress("export", 1.0, "");
   MeshExtraction extraction(device, avatar, mesh_settings(options, avatar));
@@ -83,22 +85,43 @@ int export_glb(const ExportOptions& options, const Avatar& avatar, const ChosenM
   return 0;
 }
 
+// What the meshes depend on.
+nlohmann::ordered_json description(const ExportOptions& options, const Avatar& avatar, const std::string& format, const std::vector<ExportedFrame>& frames) {
+  Fingerprint poses;
+  for (const ExportedFrame& frame : frames) {
+    for (const glm::dvec3& theta : frame.pose.theta)
+      for (int k = 0; k < 3; ++k) poses.add(theta[k]);
+    for (int k = 0; k < 3; ++k) poses.add(frame.pose.root_position[k]);
+    poses.add(uint64_t{frame.latent_row});
+  }
+  return {{"avatar", fingerprint_of(avatar)}, {"frames", frames.size()}, {"poses", poses.text()}, {"format", format}, {"cell", options.cell}, {"outline", options.outline.value_or(0)}, {"triangles", options.triangles}, {"largest_part", options.largest_part},
+          {"colors", options.colors == "none" ? "none" : "vertex"}, {"points", options.points}, {"seed", options.points ? options.seed : 0}};
+}
+
 int export_meshes(const ExportOptions& options, const Avatar& avatar, const std::string& format, const std::vector<MotionFrame>& numbered, const std::vector<ExportedFrame>& frames) {
   const bool single = options.out.extension() == "." + format;
   if (single && frames.size() > 1) throw InputError(options.out.string(), "", "--frame with a single file, or a folder with --format " + format, fmt::format("{} frames", frames.size()));
-  if (!single) make_folder(options.out);
-  Device device(options.device);
-  MeshExtraction extraction(device, avatar, mesh_settings(options, avatar));
-  Progress progress("export", double(frames.size()), "frames");
-  const Interrupt interrupt;
+  const auto path_of = [&](std::size_t f) { return single ? options.out : options.out / fmt::format("{:06}.{}", numbered[f].number, format); };
+  std::vector<std::size_t> missing;
   for (std::size_t f = 0; f < frames.size(); ++f) {
-    if (interrupt.wanted()) throw std::runtime_error(fmt::format("stopped after {} of {} frames", f, frames.size()));
-    const fs::path path = single ? options.out : options.out / fmt::format("{:06}.{}", numbered[f].number, format);
-    ColoredMesh mesh = posed_mesh(extraction, frames[f], options.colors != "none");
-    if (options.points) mesh = sampled_points(mesh, options.points, options.seed);
-    const std::string comment = fmt::format("arah {}, metres, frame {}", kVersion, numbered[f].number);
-    write_file_safely(path, format == "ply" ? ply_file(mesh, comment) : obj_file(mesh, comment));
-    progress.update(double(f + 1));
+    if (single || !fs::exists(path_of(f))) missing.push_back(f);
+  }
+  if (!single) claim_folder(options.out, "export.json", description(options, avatar, format, frames), "meshes", [&] { return missing.size() < frames.size(); });
+  const std::size_t before = frames.size() - missing.size();
+  Progress progress("export", double(frames.size()), "frames", double(before));
+  if (before > 0) progress.say(fmt::format("{}: {} of {} frames are there", options.out.string(), before, frames.size()));
+  if (!missing.empty()) {
+    Device device(options.device);
+    MeshExtraction extraction(device, avatar, mesh_settings(options, avatar));
+    const Interrupt interrupt;
+    for (std::size_t done = before; const std::size_t f : missing) {
+      if (interrupt.wanted()) throw std::runtime_error(fmt::format("stopped after {} of {} frames{}", done, frames.size(), single ? "" : "; the same call goes on"));
+      ColoredMesh mesh = posed_mesh(extraction, frames[f], options.colors != "none");
+      if (options.points) mesh = sampled_points(mesh, options.points, options.seed);
+      const std::string comment = fmt::format("arah {}, metres, frame {}", kVersion, numbered[f].number);
+      write_file_safely(path_of(f), format == "ply" ? ply_file(mesh, comment) : obj_file(mesh, comment));
+      progress.update(double(++done));
+    }
   }
   progress.finish(options.out.string());
   return 0;
@@ -131,7 +154,7 @@ void add_export_command(CLI::App& program, Run& run) {
   const auto options = std::make_shared<ExportOptions>();
   CLI::App* command = program.add_subcommand("export", "An avatar for other programs: skinned glTF, or posed meshes and points");
   command->add_option("AVATAR", options->avatar, kAvatarHelp)->required();
-  command->add_option("-o,--out", options->out, "a .glb (skinned mesh, texture, skeleton, the motion as its animation; +Y up), or a .ply or .obj of one frame, or a folder of them with --format (in the motion's world)")->required();
+  command->add_option("-o,--out", options->out, "a .glb (skinned mesh, texture, skeleton, the motion as its animation; +Y up), or a .ply or .obj of one frame, or a folder of them with --format (in the motion's world), beside which export.json says what they were made with")->required();
   command->add_option("--format", options->format, "ply or obj: a file a frame in the folder -o")->check(CLI::IsMember({"glb", "ply", "obj"}));
   add_motion_options(*command, options->motion);
   CLI::Option* frame = command->add_option("--frame", options->frame, "number of one frame of the motion");
@@ -144,12 +167,13 @@ void add_export_command(CLI::App& program, Run& run) {
   command->add_option("--colors", options->colors, "texture (a .glb's default), vertex (else) or none")->check(CLI::IsMember({"texture", "vertex", "none"}));
   command->add_option("--texture-size", options->texture_size, "columns and rows of the texture")->check(CLI::Range(64, 8192))->capture_default_str();
   command->add_option("--code", options->color_frame, "training frame whose learned code colours (and, where the shape follows it, shapes) all frames (default: each frame's own; the last one's outside of training)");
-  command->add_option("--fps", options->fps, "frames a second of the animation")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+  add_rate_option(*command, options->fps, "frames a second of the animation");
   command->add_option("--points", options->points, "instead of the mesh so many points, evenly over its surface at random, with normals and colours")->check(CLI::Range(std::size_t{1}, std::size_t{100'000'000}));
   command->add_option("--seed", options->seed, "of the points")->capture_default_str();
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);
   command->footer(
+      "A folder of meshes that was interrupted (Ctrl-C, exit code 1) goes on with the same call: frames that are there are kept.\n"
       "Example: arah export run -o person.glb --capture capture --split novel\n"
       "         arah export run -o meshes --format ply --capture capture --split novel\n"
       "         arah export run -o cloud.ply --points 100000");

@@ -24,6 +24,7 @@ struct MotionEdits {
   double fps = 0, scale = 0;
   int loop = 1;
   std::vector<double> place;
+  std::string animation;
 };
 
 void print_notes(const std::vector<std::string>& notes) {
@@ -54,10 +55,12 @@ FrameRange motion_range(const std::string& text) {
 }
 
 int import_motion(const ImportSettings& settings, const std::vector<double>& betas, const std::vector<std::string>& ranges, const MotionEdits& edits) {
+  const std::string end = settings.in.extension().string();
+  if (!edits.animation.empty() && end != ".glb" && end != ".gltf") throw InputError("--animation", "", "a .glb or .gltf to take it of", "'" + end + "'");
   if (edits.place.size() == 1 || edits.place.size() > 3) throw InputError("--place", "", "x,y or x,y,z", fmt::format("{} numbers", edits.place.size()));
   if (ranges.size() > 1) throw InputError("--frames", "", "one range for a motion", fmt::format("{}", ranges.size()));
   const std::string where = settings.in.string();
-  MotionFile file = read_motion_file(settings.in);
+  MotionFile file = read_motion_file(settings.in, edits.animation, edits.fps);
   file.settings.scale = edits.scale;
   Motion source = file.motion;
   if (!ranges.empty()) {
@@ -95,7 +98,7 @@ void add_import_command(CLI::App& program, Run& run) {
   CLI::App* command = program.add_subcommand("import", "Make a capture of a sequence of a public dataset, a rig of a body model, or a motion of motion capture");
   ImportSettings& settings = options->settings;
   command->add_option("LAYOUT", settings.layout, fmt::format("{}: how the sequence lies on disk; {}: a body model; {}: motion capture", fmt::join(import_layouts(), ", "), kBodyWord, kMotionWord));
-  command->add_option("IN", settings.in, "the sequence's folder; for smpl the model's file, .npz or .pkl; for motion a .bvh, AMASS's .npz, AIST++'s .pkl or a motion_<split>.json");
+  command->add_option("IN", settings.in, "the sequence's folder; for smpl the model's file, .npz or .pkl; for motion a .bvh, a .glb or .gltf with an animation, AMASS's .npz, AIST++'s .pkl or a motion_<split>.json");
   command->add_option("OUT", settings.out, "folder to write; an earlier import there is replaced. For smpl a .glb, for motion a .json");
   command->add_option("--body", settings.body,
                       "the body that the sequence's poses are for: a skinned .glb or .gltf with SMPL's joint names, taken as it is, or SMPL's .npz or .pkl, "
@@ -110,10 +113,11 @@ void add_import_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(0, 64));
   command->add_flag("--exact-poses", settings.exact_poses, "the poses are exact: training does not refine them");
   MotionEdits& edits = options->edits;
-  command->add_option("--fps", edits.fps, "motion: frames a second (default: the file's)")->check(CLI::Range(0.1, 1000.0));
+  command->add_option("--fps", edits.fps, "motion: frames a second (default: the file's; of a .glb or .gltf the key frames', where they are evenly spaced, else 30)")->check(CLI::Range(0.1, 1000.0));
   command->add_option("--loop", edits.loop, "motion: how often it is to be repeated, from where it began")->check(CLI::Range(1, 1000000));
   command->add_option("--place", edits.place, "motion: x,y where the first frame's root is to stand, m, +Z up; x,y,z its height too")->delimiter(',');
   command->add_option("--scale", edits.scale, "motion: what the root's way is multiplied by (default: the ratio of the legs' lengths)")->check(CLI::Range(1e-6, 1e6));
+  command->add_option("--animation", edits.animation, "motion: name of the animation to take of a .glb or .gltf (default: the first; arah inspect lists them)");
   command->add_flag("--list-presets", options->list_presets, "print the published splits and do nothing else");
   command->footer("Example: arah import zju-mocap CoreView_377 capture --body subject.glb --size 512\n         arah import people-snapshot female-3-casual capture --body SMPL_FEMALE.pkl --size 540 --border 2\n         arah import motion dance.bvh dance.json --body myrun/avatar.safetensors --fps 30");
   command->callback([options, &run] {

@@ -6,7 +6,10 @@
 #include "host/avatar/avatar_file.h"
 #include "host/avatar/spec_choice.h"
 #include "host/capture/inspect.h"
+#include "host/cli/arguments.h"
 #include "host/cli/command.h"
+#include "host/evaluation/capture_page.h"
+#include "host/file_writing.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -28,7 +31,7 @@ std::string choice_text(const Capture& capture, const std::string& preset) {
 
 void add_inspect_command(CLI::App& program, Run& run) {
   struct Options {
-    std::filesystem::path path;
+    std::filesystem::path path, out;
     std::string preset = "tiny";
     int pictures = 6;
   };
@@ -37,7 +40,7 @@ void add_inspect_command(CLI::App& program, Run& run) {
       program.add_subcommand("inspect", "Say what a capture, motion, template or avatar holds, and what looks wrong");
   command
       ->add_option("PATH", options->path,
-                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl) or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors)")
+                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl, .glb, .gltf) or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors)")
       ->required();
   command->add_option("--preset", options->preset, "sizes that the choice of an avatar's parts starts from")
       ->check(CLI::IsMember(preset_names()))
@@ -45,13 +48,25 @@ void add_inspect_command(CLI::App& program, Run& run) {
   command->add_option("--pictures", options->pictures, "pictures to read of each camera and split of a capture")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  command->footer("Example: arah inspect capture --preset paper");
+  command->add_option("-o,--out", options->out,
+                      "of a capture: folder for inspect.html, a page with plans of cameras and motion, the template and the masks over the photographs, and what looks wrong");
+  command->footer("Example: arah inspect capture --preset paper\n         arah inspect capture -o inspection");
   command->callback([options, &run] {
     run = [options] {
       std::string report;
       if (std::filesystem::is_directory(options->path)) {
         const Capture capture = open_capture(options->path);
-        report = inspect_capture(capture, options->pictures) + choice_text(capture, options->preset);
+        CaptureInspection found = examine_capture(capture, options->pictures);
+        found.report += choice_text(capture, options->preset);
+        report = found.report;
+        if (!options->out.empty()) {
+          make_folder(options->out);
+          const std::filesystem::path page = options->out / "inspect.html";
+          write_file_safely(page, capture_page(capture, found));
+          report += page.string() + "\n";
+        }
+      } else if (!options->out.empty()) {
+        throw InputError("--out", "", "a capture's folder to draw", "'" + options->path.string() + "'");
       } else if (options->path.extension() == ".safetensors") {
         report = describe(load_avatar(options->path));
       } else {

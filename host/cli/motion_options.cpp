@@ -10,6 +10,8 @@
 namespace arah {
 namespace {
 
+constexpr double kUnknownRate = 25;  // frames a second
+
 // The pose that an avatar without skinning has, from its bones' transforms rest → posed.
 Pose pose_of(const CanonicalPose& canonical, const Skeleton& skeleton) {
   Pose pose = rest_pose(skeleton);
@@ -39,11 +41,15 @@ ChosenMotion chosen_motion(const MotionOptions& options, const Avatar& avatar) {
     chosen.capture = open_capture(options.capture);
     chosen.where = fmt::format("{}: split {}", options.capture.string(), options.split);
     chosen.trained = options.split == "train";
-    chosen.frames = adapt_motion(motion_of(*chosen.capture, options.split), skeleton, options.capture.string()).frames;
+    const Motion& motion = motion_of(*chosen.capture, options.split);
+    chosen.frames_per_second = motion.frames_per_second;
+    chosen.frames = adapt_motion(motion, skeleton, options.capture.string()).frames;
     for (MotionFrame& frame : chosen.frames) frame.pose = Pose(pose_to_render(avatar.refined, options.split, frame));
   } else if (!options.motion.empty()) {
     chosen.where = options.motion.string();
-    chosen.frames = adapt_motion(read_motion(options.motion), skeleton, chosen.where).frames;
+    const Motion motion = read_motion(options.motion);
+    chosen.frames_per_second = motion.frames_per_second;
+    chosen.frames = adapt_motion(motion, skeleton, chosen.where).frames;
   } else {
     const bool still = avatar.spec.skinning.kind == Skinning::none;
     chosen.where = "the pose at rest";
@@ -59,6 +65,15 @@ const MotionFrame& frame_of(const ChosenMotion& motion, int number) {
   throw InputError(motion.where, "frame",
                    fmt::format("one of {} frames, {} to {}", motion.frames.size(), motion.frames.front().number, motion.frames.back().number),
                    fmt::format("{}", number));
+}
+
+void add_rate_option(CLI::App& command, std::optional<double>& rate, const std::string& what) {
+  command.add_option("--fps", rate, fmt::format("{} (default: the motion's own frames a second, divided by --every; {:g} where it states none)", what, kUnknownRate))->check(CLI::Range(0.1, 1000.0));
+}
+
+double rate_of(const ChosenMotion& motion, const std::optional<double>& stated, int every, bool single) {
+  if (stated) return *stated;
+  return motion.frames_per_second > 0 && motion.frames.size() > 1 && !single ? motion.frames_per_second / every : kUnknownRate;
 }
 
 std::size_t latent_row_of(const ChosenMotion& motion, const Avatar& avatar, int number) {

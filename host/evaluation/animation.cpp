@@ -2,42 +2,18 @@
 
 #include <fmt/format.h>
 
-#include <bit>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
 
-#include "host/body/json_fields.h"
 #include "host/evaluation/picture.h"
+#include "host/evaluation/recorded_folder.h"
 #include "host/file_writing.h"
-#include "host/input_error.h"
 #include "host/rendering/renderer.h"
 
 namespace arah {
 namespace {
 
 namespace fs = std::filesystem;
-
-// FNV-1a over numbers.
-class Fingerprint {
- public:
-  template <typename Number>
-  void add(const Number& number) {
-    uint64_t bits = 0;
-    if constexpr (sizeof(Number) == 8) bits = std::bit_cast<uint64_t>(number);
-    else bits = std::bit_cast<uint32_t>(number);
-    for (int byte = 0; byte < 8; ++byte) hash_ = (hash_ ^ (bits >> 8 * byte & 255)) * 0x100000001b3ull;
-  }
-  std::string text() const { return fmt::format("{:016x}", hash_); }
-
- private:
-  uint64_t hash_ = 0xcbf29ce484222325ull;
-};
-
-std::string of_avatar(const Avatar& avatar) {
-  Fingerprint print;
-  print.add(avatar.steps);
-  for (const float value : avatar.parameters) print.add(value);
-  return print.text();
-}
 
 std::string of_frames(const std::vector<AnimationFrame>& frames) {
   Fingerprint print;
@@ -55,7 +31,7 @@ std::string of_frames(const std::vector<AnimationFrame>& frames) {
 // What the pictures depend on.
 nlohmann::ordered_json description(const Avatar& avatar, const Animation& animation) {
   const Camera& camera = animation.frames.front().camera;
-  return {{"avatar", of_avatar(avatar)},
+  return {{"avatar", fingerprint_of(avatar)},
           {"frames", animation.frames.size()},
           {"size", fmt::format("{} x {}", camera.width, camera.height)},
           {"poses_and_cameras", of_frames(animation.frames)},
@@ -86,23 +62,7 @@ fs::path animation_picture(const fs::path& folder, std::size_t frame) { return f
 
 AnimationFolder::AnimationFolder(fs::path path, const Avatar& avatar, const Animation& animation) : path_(std::move(path)), animation_(animation) {
   if (animation.frames.empty()) throw std::invalid_argument("an animation without frames");
-  const nlohmann::ordered_json now = description(avatar, animation);
-  const fs::path file = path_ / "animation.json";
-  if (!fs::exists(file)) {
-    std::error_code error;
-    fs::create_directories(path_, error);
-    if (error || !fs::is_directory(path_)) throw InputError(path_.string(), "", "a folder for the pictures", error ? error.message() : "a file", "Choose another name.");
-    if (done() > 0) throw InputError(path_.string(), "animation.json", "what says how the pictures here were made", "none", "Choose another name, or remove the pictures.");
-    write_file_safely(file, now.dump(1) + "\n");
-    return;
-  }
-  const nlohmann::json before = read_json(file);
-  for (const auto& [name, value] : now.items()) {
-    const nlohmann::json was = before.is_object() ? before.value(name, nlohmann::json()) : nlohmann::json();
-    if (was == nlohmann::json(value)) continue;
-    throw InputError(file.string(), name, "what the pictures there were made with, " + json_excerpt(was), json_excerpt(value),
-                     fmt::format("Go on with the same options, choose another name, or remove {}.", path_.string()));
-  }
+  claim_folder(path_, "animation.json", description(avatar, animation), "pictures", [this] { return done() > 0; });
 }
 
 std::size_t AnimationFolder::done() const {

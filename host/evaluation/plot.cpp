@@ -30,15 +30,9 @@ bool is_drawn(const PlotPoint& point) {
   return std::isfinite(point.x) && std::isfinite(point.y);
 }
 
-// One axis: ends and spacing of its ticks.
-struct Axis {
-  double low = 0;
-  double high = 1;
-  double step = 0.2;
-};
+}  // namespace
 
-// About five ticks of 1, 2 or 5 times a power of ten around [low, high].
-Axis round_axis(double low, double high) {
+PlotAxis round_axis(double low, double high) {
   if (!(low <= high)) return {};
   if (low == high) {
     const double margin = low == 0 ? 1 : 0.1 * std::fabs(low);
@@ -54,12 +48,13 @@ Axis round_axis(double low, double high) {
   return {step * std::floor(low / step), step * std::ceil(high / step), step};
 }
 
-// A tick's text, where a rounding error such as 5e-17 reads 0.
 std::string tick_text(double value, double step) {
   return fmt::format("{:.6g}", std::fabs(value) < 1e-9 * step ? 0.0 : value);
 }
 
-}  // namespace
+const char* plot_colour(std::size_t index) {
+  return kColours[index % kColours.size()];
+}
 
 std::string escape_html(std::string_view text) {
   std::string out;
@@ -105,8 +100,8 @@ std::string to_svg(const Plot& plot) {
     }
   }
   const bool empty = low_x > high_x;
-  const Axis x_axis = round_axis(low_x, high_x);
-  const Axis y_axis = round_axis(low_y, high_y);
+  const PlotAxis x_axis = round_axis(low_x, high_x);
+  const PlotAxis y_axis = round_axis(low_y, high_y);
   auto at_x = [&](double x) {
     return kLeft + (x - x_axis.low) / (x_axis.high - x_axis.low) * (kWidth - kLeft - kRight);
   };
@@ -151,7 +146,7 @@ std::string to_svg(const Plot& plot) {
 
   for (std::size_t s = 0; s < plot.series.size(); ++s) {
     const PlotSeries& series = plot.series[s];
-    const char* colour = kColours[s % kColours.size()];
+    const char* colour = plot_colour(s);
     if (plot.lines) {
       std::string path;
       bool joined = false;

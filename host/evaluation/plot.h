@@ -1,6 +1,7 @@
 // Small line and scatter plots as SVG text, to stand in a page or in a file of their own.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -30,6 +31,18 @@ struct Plot {
 // container allows; axes at round numbers that cover the points. Points with a coordinate that is not finite are left
 // out, and a line breaks there. With no point left, the axes carry the words "no data". Every text is escaped.
 std::string to_svg(const Plot& plot);
+
+// What other drawings share: one axis with ends and spacing of its ticks, about five of 1, 2 or 5 times a power of ten around
+// [low, high]; a tick's text, where a rounding error such as 5e-17 reads 0; and colours that are told apart with
+// colour-blind eyes too, over and over.
+struct PlotAxis {
+  double low = 0;
+  double high = 1;
+  double step = 0.2;
+};
+PlotAxis round_axis(double low, double high);
+std::string tick_text(double value, double step);
+const char* plot_colour(std::size_t index);
 
 // Text with the five characters that mean something to HTML and XML replaced by entities; control characters, which XML
 // forbids, become U+FFFD.

@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <thread>
 
+#include "host/body/motion.h"
 #include "host/capture/camera.h"
 #include "tests/host/body/glb_reader.h"
 #include "tests/host/body/rigs.h"
@@ -17,6 +20,7 @@ namespace arah {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::AllOf;
 using testing::HasSubstr;
 
 class AnimationStory : public testing::Test {
@@ -164,6 +168,19 @@ TEST_F(AnimationStory, LeavesForOtherPrograms) {
   const Outcome meshes = arah({"export", at("run"), "-o", at("meshes"), "--format", "ply", "--capture", at("capture"), "--every", "3", "--cell", "0.03"});
   ASSERT_EQ(meshes.code, 0) << meshes.errors;
   for (const char* name : {"meshes/000000.ply", "meshes/000003.ply"}) EXPECT_THAT(read_all(at(name)), AllOf(testing::StartsWith("ply\n"), HasSubstr("property uchar red"), HasSubstr("element face")));
+  // A frame that is missing is made again, the others stay; other options are refused before anything is mixed.
+  const std::string third = read_all(at("meshes/000003.ply"));
+  const auto written = fs::last_write_time(at("meshes/000000.ply"));
+  fs::remove(at("meshes/000003.ply"));
+  const std::vector<std::string> again{"export", at("run"), "-o", at("meshes"), "--format", "ply", "--capture", at("capture"), "--every", "3", "--cell"};
+  std::vector<std::string> same = again, coarser = again;
+  same.push_back("0.03");
+  coarser.push_back("0.04");
+  const Outcome went_on = arah(same);
+  ASSERT_EQ(went_on.code, 0) << went_on.errors;
+  EXPECT_EQ(read_all(at("meshes/000003.ply")), third);
+  EXPECT_EQ(fs::last_write_time(at("meshes/000000.ply")), written);
+  expect_refused(coarser, "export.json: cell");
   const Outcome object = arah({"export", at("run"), "-o", at("rest.obj"), "--cell", "0.03", "--colors", "none"});
   ASSERT_EQ(object.code, 0) << object.errors;
   EXPECT_THAT(read_all(at("rest.obj")), HasSubstr("\nf "));
@@ -176,6 +193,38 @@ TEST_F(AnimationStory, LeavesForOtherPrograms) {
   expect_refused({"export", at("run"), "-o", at("no.obj"), "--colors", "texture"}, "Textures go into a .glb");
   expect_refused({"export", at("run"), "-o", at("no.ply"), "--capture", at("capture")}, "--frame");
   expect_refused({"export", at("run"), "-o", at("no.glb"), "--code", "99"}, "--code");
+}
+
+// A motion that states its rate is shown and exported at it; an export's animation is a motion again, and the same.
+TEST_F(AnimationStory, KeepsTheMotionsPaceAndItsPoses) {
+  Motion motion = read_motion(at("capture/motion_train.json"));
+  motion.frames_per_second = 12;
+  write_motion(at("paced.json"), motion);
+  const Outcome shown = arah({"animate", at("run"), "-o", at("paced.mp4"), "--motion", at("paced.json"), "--every", "2", "--size", "32", "--quality", "preview"});
+  ASSERT_EQ(shown.code, 0) << shown.errors;
+  cv::VideoCapture video(at("paced.mp4"));
+  ASSERT_TRUE(video.isOpened());
+  EXPECT_NEAR(video.get(cv::CAP_PROP_FPS), 6, 1e-6);
+
+  const Outcome exported = arah({"export", at("run"), "-o", at("paced.glb"), "--motion", at("paced.json"), "--cell", "0.05", "--colors", "none"});
+  ASSERT_EQ(exported.code, 0) << exported.errors;
+  const Outcome inspected = arah({"inspect", at("paced.glb")});
+  ASSERT_EQ(inspected.code, 0) << inspected.errors;
+  EXPECT_THAT(inspected.output, AllOf(HasSubstr("template: "), HasSubstr("glTF animation 'paced': 6 frames at 12 a second, 24 joints")));
+  const Outcome imported = arah({"import", "motion", at("paced.glb"), at("back.json"), "--body", at("run/avatar.safetensors"), "--animation", "paced"});
+  ASSERT_EQ(imported.code, 0) << imported.errors;
+  const Motion back = read_motion(at("back.json"));
+  EXPECT_EQ(back.frames_per_second, 12.0);
+  ASSERT_EQ(back.frames.size(), motion.frames.size());
+  ASSERT_EQ(back.skeleton.names, motion.skeleton.names);
+  for (size_t f = 0; f < back.frames.size(); ++f) {
+    const Pose &a = motion.frames[f].pose, &b = back.frames[f].pose;
+    EXPECT_LT(glm::distance(a.root_position, b.root_position), 1e-5) << f;
+    for (size_t j = 0; j < a.theta.size(); ++j)
+      EXPECT_LT(glm::length(axis_angle_from_rotation(glm::transpose(rotation_from_axis_angle(a.theta[j])) * rotation_from_axis_angle(b.theta[j]))), 1e-5) << f << " " << j;
+  }
+  expect_refused({"import", "motion", at("paced.glb"), at("no.json"), "--body", at("run/avatar.safetensors"), "--animation", "other"}, "one of 'paced'");
+  expect_refused({"import", "motion", at("paced.json"), at("no.json"), "--body", at("run/avatar.safetensors"), "--animation", "paced"}, "--animation");
 }
 
 TEST_F(AnimationStory, SaysWhatIsWrongWithTheCall) {
