@@ -41,11 +41,17 @@ constexpr std::array<Title, row_count> titles = {{
     {"One frame, one camera, one joint, 64 joints", ""},
 }};
 
+// A bar would end a table's cell.
+std::string escaped(std::string text) {
+  for (size_t at = 0; (at = text.find('|', at)) != std::string::npos; at += 2) text.insert(at, 1, '\\');
+  return text;
+}
+
 struct Case {
   Way way;
   std::string what, expected, measured;
   // The page's line without what was measured, which differs from device to device.
-  std::string key() const { return fmt::format("| {} | {} | {} |", way == Way::forward ? "forward" : "backward", what, expected); }
+  std::string key() const { return fmt::format("| {} | {} | {} |", way == Way::forward ? "forward" : "backward", escaped(what), escaped(expected)); }
 };
 
 std::array<std::vector<Case>, row_count> cases;
