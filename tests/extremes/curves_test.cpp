@@ -54,9 +54,11 @@ class Curves : public CompositingTest {
   static double relative(double found, long double truth) { return static_cast<double>(std::abs((found - truth) / truth)); }
 };
 
+constexpr double floor_of_float32 = 1e-9;
+
 TEST_F(Curves, RelativeErrorsOfFormulas) {
-  Plot plot{"Relative errors in float32: what the device finds, and plain forms", "log10 of the argument", "log10 of the relative error", {}, true};
-  constexpr double floor = 1e-9;
+  Plot plot{"Relative errors in float32: what the device finds, and plain forms", "log10 x", "log10 of the relative error", {}, true};
+  constexpr double floor = floor_of_float32;
   {
     const std::vector<double> at = exponents(-30, 2, 0.5);
     std::vector<float> sdf, deltas;
@@ -88,21 +90,6 @@ TEST_F(Curves, RelativeErrorsOfFormulas) {
     plot.series.push_back(curve("log(1 + x), plain", at, plain, floor));
   }
   {
-    const std::vector<double> at = exponents(-6, 1.9, 0.1);
-    std::vector<float> sdf, deltas;
-    for (const double exponent : at) sdf.push_back(static_cast<float>(std::pow(10, exponent))), deltas.push_back(1e-3F);
-    const std::vector<double> found = weights(DensityKind::laplace, sdf, deltas);
-    std::vector<double> errors, plain, scaled;
-    for (size_t i = 0; i < at.size(); ++i) {
-      const long double density = std::exp(-static_cast<long double>(sdf[i])) / 2, truth = -std::expm1(-density * deltas[i]);
-      errors.push_back(relative(found[i], truth)), plain.push_back(relative(0.5F - 0.5F * (1.0F - std::exp(-sdf[i])), density));
-      scaled.push_back(errors.back() / (1 + double{sdf[i]}));
-    }
-    expect_within(Row::laplace_scale, Way::forward, "Laplace density outside, sdf/b from 1e-6 to 80", "relative error / (1 + sdf/b)", largest(scaled), float32_bound);
-    plot.series.push_back(curve("Laplace density at x = sdf/b > 0", at, errors, floor));
-    plot.series.push_back(curve("Laplace density, the paper's form", at, plain, floor));
-  }
-  {
     const std::vector<double> at = exponents(-37, 38, 1);
     std::vector<float> rows(8 * 128, 0.0F);
     std::vector<double> truth;
@@ -124,8 +111,29 @@ TEST_F(Curves, RelativeErrorsOfFormulas) {
       plain.push_back(size > 0 ? distance(double{x / size}, double{y / size}, double{z / size}) : 1);
     }
     expect_within(Row::denormals, Way::forward, "v / |v|, |v| from 1e-37 to 1e38", "error", largest(errors), 1e-6);
-    plot.series.push_back(curve("v / |v|, x = |v|", at, errors, floor));
+    plot.series.push_back(curve("v / |v|, |v| = x", at, errors, floor));
     plot.series.push_back(curve("v / |v|, plain", at, plain, floor));
+  }
+  keep_picture("extremes-relative", to_svg(plot));
+}
+
+TEST_F(Curves, RelativeErrorsOfCompositing) {
+  Plot plot{"Relative errors in float32 of densities and transmittances", "log10 x", "log10 of the relative error", {}, true};
+  constexpr double floor = floor_of_float32;
+  {
+    const std::vector<double> at = exponents(-3, 1.9, 0.1);
+    std::vector<float> sdf, deltas;
+    for (const double exponent : at) sdf.push_back(static_cast<float>(std::pow(10, exponent))), deltas.push_back(1e-3F);
+    const std::vector<double> found = weights(DensityKind::laplace, sdf, deltas);
+    std::vector<double> errors, plain, scaled;
+    for (size_t i = 0; i < at.size(); ++i) {
+      const long double density = std::exp(-static_cast<long double>(sdf[i])) / 2, truth = -std::expm1(-density * deltas[i]);
+      errors.push_back(relative(found[i], truth)), plain.push_back(relative(0.5F - 0.5F * (1.0F - std::exp(-sdf[i])), density));
+      scaled.push_back(errors.back() / (1 + double{sdf[i]}));
+    }
+    expect_within(Row::laplace_scale, Way::forward, "Laplace density outside, sdf/b from 1e-3 to 80", "relative error / (1 + sdf/b)", largest(scaled), float32_bound);
+    plot.series.push_back(curve("Laplace density, x = sdf/b", at, errors, floor));
+    plot.series.push_back(curve("as the paper writes it", at, plain, floor));
   }
   {
     SampleBatch batch = random_batch(1, 1000, 1);
@@ -135,9 +143,9 @@ TEST_F(Curves, RelativeErrorsOfFormulas) {
     std::vector<double> at, errors, scaled;
     for (size_t k = 1; k < 1000; k = k < 20 ? k + 1 : k * 11 / 10) at.push_back(std::log10(static_cast<double>(k))), errors.push_back(relative(found.transmittances[k], truth.transmittances[k])), scaled.push_back(errors.back() / static_cast<double>(k));
     expect_within(Row::opaque_samples, Way::forward, "transmittance after k samples of density·δ = 0.015, k to 1,000", "relative error / k", largest(scaled), 5e-7);  // exp and a product: four units in the last place each
-    plot.series.push_back(curve("transmittance after x samples", at, errors, floor));
+    plot.series.push_back(curve("transmittance, x samples", at, errors, floor));
   }
-  keep_picture("extremes-relative", to_svg(plot));
+  keep_picture("extremes-compositing", to_svg(plot));
 }
 
 class AbsoluteCurves : public ActivationsOnDevice {};
@@ -203,7 +211,7 @@ TEST(RotationCurves, ErrorsOfRodriguesFormula) {
   expect_within(Row::rotations, Way::forward, "Rodrigues' formula, angles from 1e-12 to 10 π", "error of the matrix", largest(matrix), 4e-15);
   expect_within(Row::rotations, Way::forward, "axis and angle, and back, angles from 1e-12 to 10 π", "error of the matrix", largest(back), 4e-15);
   expect_within(Row::rotations, Way::backward, "the slope of Rodrigues' formula, angles from 1e-12 to 10 π", "error", largest(slope), 1e-14);
-  plot.series = {curve("R of an axis and angle", at, matrix, floor), curve("axis and angle of R, and back", at, back, floor), curve("slope", at, slope, floor), curve("a factor of the slope, plain (relative)", at, plain, floor)};
+  plot.series = {curve("R of an axis and angle", at, matrix, floor), curve("axis and angle of R, and back", at, back, floor), curve("slope", at, slope, floor), curve("one factor of the slope, plain", at, plain, floor)};
   keep_picture("extremes-rotations", to_svg(plot));
 }
 
