@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "host/avatar/spec_choice.h"
+#include "host/input_error.h"
 
 namespace arah {
 namespace {
@@ -71,6 +72,9 @@ Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> l
   }
   const std::vector<glm::dvec3> vertices = canonical_vertices(avatar.body, avatar.canonical);
   avatar.cube = cube_normalization(vertices);
+  const double extent = avatar.cube.cmax - avatar.cube.cmin;
+  if (!(extent >= kLeastExtent && extent <= kLargestExtent))
+    throw InputError("template", "vertices", fmt::format("a body of {} to {} m", kLeastExtent, kLargestExtent), fmt::format("one of {:.3g} m", extent), "Are its lengths in metres? Scale the template, and cameras and poses with it.");
   avatar.grid = make_grid_extent(spec, vertices);
   if (spec.latent_size > 0) avatar.latent_frames = std::move(latent_frames);
   avatar.layout = make_parameter_layout(spec, skeleton, avatar.latent_frames.size(), avatar.grid);

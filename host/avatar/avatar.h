@@ -43,10 +43,14 @@ struct Avatar {
 // b of the Laplace density, metres, within the bounds that shaders/lib/density.glsl sets.
 double density_scale(const Avatar& avatar);
 
+// Largest side of the canonical body, metres: beyond, lengths that are made for people mean nothing (a search ends at 1e-5 m, a
+// shell is 5 cm thick and must not slip between the 64 places where rays look for it, a surface is fitted from centimetres away).
+inline constexpr double kLeastExtent = 0.05, kLargestExtent = 5;
+
 // An untrained avatar with initial_parameters(). latent_frames: distinct; kept only where the spec has a latent size.
 // only_pose: the pose that becomes canonical with Skinning::none, ignored otherwise. A template without GLB bytes is
 // passed through its GLB form once, as saving and loading would. Throws InputError for a spec that is not valid, a body
-// without extent, or a grid that is too large; std::invalid_argument for frames or a pose that are missing.
+// without extent or of one beyond the bounds above, or a grid that is too large; std::invalid_argument for frames or a pose that are missing.
 Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> latent_frames, uint64_t seed,
                    const Pose* only_pose = nullptr);
 

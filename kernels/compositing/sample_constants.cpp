@@ -14,6 +14,8 @@ shared::CompositeConstants composite_constants(const CompositeSamples& s, float 
     if (matrix->stride % 4 || matrix->column % 4)
       throw std::invalid_argument(fmt::format("compositing: {} of stride {} at column {}, multiples of 4 expected",
                                               matrix == &s.sdf ? "sdf" : "colours", matrix->stride, matrix->column));
+  if (s.rays == 0 || s.samples == 0)
+    throw std::invalid_argument(fmt::format("compositing: {} rays of {} samples, at least 1 of each expected", s.rays, s.samples));
   // lavapipe ends every invocation after 65,535 loop iterations, silently; the walk forward makes two loops.
   if (s.samples > 30000)
     throw std::invalid_argument(fmt::format("compositing: {} samples a ray, at most 30000 are possible", s.samples));

@@ -10,8 +10,8 @@ enum class DensityKind : uint32_t { laplace, softplus };
 
 // Row of a sample: ray · samples + sample, depths ascending along the ray.
 struct CompositeSamples {
-  uint32_t rays = 0;
-  uint32_t samples = 0;       // of each ray, at most 30,000
+  uint32_t rays = 0;          // at least 1
+  uint32_t samples = 0;       // of each ray, 1 to 30,000
   Matrix sdf;                 // its first column: the sdf network's value. Strides and columns are multiples of 4
   float metres_per_unit = 1;  // of that value
   Matrix rgb;                 // by row, or by slot where `slots` is given: 3 columns, [0, 1]

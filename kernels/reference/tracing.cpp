@@ -9,7 +9,7 @@ RayInterval intersect_box(const Vector<3>& origin, const Vector<3>& direction, c
   RayInterval interval{0, std::numeric_limits<double>::infinity(), false};
   for (int i = 0; i < 3; ++i) {
     double component = direction[i];
-    if (std::abs(component) < 1e-5) component = component < 0 ? -1e-5 : 1e-5;
+    if (std::abs(component) < 1e-12) component = component < 0 ? -1e-12 : 1e-12;
     const double to_minimum = (minimum[i] - origin[i]) / component;
     const double to_maximum = (maximum[i] - origin[i]) / component;
     if (!std::isfinite(to_minimum) || !std::isfinite(to_maximum)) return interval;

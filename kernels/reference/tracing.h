@@ -20,8 +20,9 @@ struct RayInterval {
   bool hit = false;
 };
 
-// Slab test of the ray origin + d·direction, d >= 0, with the box [minimum, maximum]. Direction components below 1e-5
-// in size count as ±1e-5 (a zero counts as +1e-5), so that a ray parallel to a face has finite depths. An origin inside
+// Slab test of the ray origin + d·direction, d >= 0, with the box [minimum, maximum]. Direction components below 1e-12
+// in size count as ±1e-12 (a zero counts as +1e-12; the paper's code has 1e-5, see shaders/rays/generate.comp), so that a ray
+// parallel to a face has finite depths. An origin inside
 // the box has near = 0. No hit: the box is behind, missed, touched in a point, flat along the ray, or an input is not
 // finite.
 RayInterval intersect_box(const Vector<3>& origin, const Vector<3>& direction, const Vector<3>& minimum,

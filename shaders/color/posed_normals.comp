@@ -1,7 +1,9 @@
 // Normals of samples in posed space: normal = T₃ₓ₃ ∇f / |T₃ₓ₃ ∇f|, with T the blended transform (ARAH.md §1, "Normal").
 // One invocation owns one sample. A zero gradient gives a zero normal.
 #version 460
+#extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
+#include "lib/stable.glsl"
 
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const int UNIT_LENGTH = 1;
@@ -18,7 +20,10 @@ void main() {
   if (POSED)
     normal = vec3(dot(imageLoad(transforms, 3 * row).xyz, gradient), dot(imageLoad(transforms, 3 * row + 1).xyz, gradient),
                   dot(imageLoad(transforms, 3 * row + 2).xyz, gradient));
-  const float squared = dot(normal, normal);
-  const float scale = UNIT_LENGTH != 0 ? (squared > 0.0 ? inversesqrt(squared) : 0.0) : 1.0;
-  normals[row] = vec4(normal * scale, 0);
+  if (UNIT_LENGTH != 0) {
+    normal *= factor_for_squares(normal);
+    const float squared = dot(normal, normal);
+    normal *= squared == 0.0 ? 0.0 : inversesqrt(squared);  // not `squared > 0.0`: a NaN is to be seen
+  }
+  normals[row] = vec4(normal, 0);
 }

@@ -93,6 +93,6 @@ void main() {
     }
     transmittance *= through;
   }
-  colors[ray] = real ? vec4(color.xyz, min(color.w, 1.0)) : vec4(0.0);
+  colors[ray] = real ? vec4(color.xyz, clamped(color.w, 0.0, 1.0)) : vec4(0.0);
   ray_depths[ray] = real ? ray_depth : 0.0;
 }

@@ -3,6 +3,7 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
+#include "lib/finite.glsl"
 #include "lib/workgroup_sum.glsl"
 #include "shared/conditioning.h"
 
@@ -29,7 +30,7 @@ void main() {
   for (uint i = lane; i < c.size; i += 64u) {
     float n = (a[first + i] - mean) * inverse;
     normalised[first + i] = n;
-    y[first + i] = max(scale[first + i] * n + shift[first + i], 0.0);
+    y[first + i] = relu(scale[first + i] * n + shift[first + i]);
   }
   if (lane == 0u) inverse_deviation[gl_WorkGroupID.x] = inverse;
 }

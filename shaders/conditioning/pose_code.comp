@@ -3,6 +3,7 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
+#include "lib/finite.glsl"
 #include "shared/conditioning.h"
 
 layout(local_size_x = 64) in;
@@ -48,8 +49,8 @@ void main() {
       uint row = joint * pose_hidden + lane;
       float sum = parameters[c.b1 + row];
       for (uint i = 0u; i < pose_hidden; ++i) sum += parameters[c.w1 + row * pose_hidden + i] * input_of[i];
-      hidden_of[lane] = max(sum, 0.0);
-      hidden[row] = max(sum, 0.0);
+      hidden_of[lane] = relu(sum);
+      hidden[row] = relu(sum);
     }
     barrier();
     if (lane < pose_features) {

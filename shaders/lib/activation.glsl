@@ -3,7 +3,9 @@
 #ifndef ARAH_LIB_ACTIVATION_GLSL
 #define ARAH_LIB_ACTIVATION_GLSL
 
+#include "lib/finite.glsl"
 #include "lib/sine.glsl"
+#include "lib/stable.glsl"
 
 const int ACTIVATION_NONE = 0, ACTIVATION_RELU = 1, ACTIVATION_LEAKY_RELU = 2, ACTIVATION_SOFTPLUS = 3, ACTIVATION_SINE = 4,
           ACTIVATION_SIGMOID = 5;
@@ -15,7 +17,7 @@ const float SOFTPLUS_LINEAR_ABOVE = 20.0;  // of beta · x, as PyTorch does
 vec4 activate(int activation, vec4 x, out vec4 cosine) {
   cosine = vec4(0);
   switch (activation) {
-    case ACTIVATION_RELU: return max(x, vec4(0));
+    case ACTIVATION_RELU: return relu(x);
     case ACTIVATION_LEAKY_RELU: return max(x, LEAKY_SLOPE * x);
     case ACTIVATION_SOFTPLUS: {
       // log(1 + e^t) = max(t, 0) + log(1 + e^−|t|): no overflow for any t

@@ -2,11 +2,12 @@
 //   outside (s > 0): σ = exp(−s/b) / 2b,   inside: σ = 1/b − exp(s/b) / 2b.
 #ifndef ARAH_LIB_DENSITY_GLSL
 #define ARAH_LIB_DENSITY_GLSL
+#include "lib/finite.glsl"
 #include "lib/stable.glsl"
 #include "shared/compositing.h"
 
 // b of its free parameter, metres.
-float laplace_scale(float parameter) { return clamp(abs(parameter), 1e-6, 1e6); }
+float laplace_scale(float parameter) { return clamped(abs(parameter), 1e-6, 1e6); }
 
 // db/dparameter: 0 beyond the bounds.
 float laplace_scale_derivative(float parameter) {

@@ -25,4 +25,11 @@ float stable_sigmoid(float x) {
   return (x >= 0.0 ? 1.0 : e) / (1.0 + e);
 }
 
+// A power of two, so that nothing is rounded, after which the squares of a vector's components can be added: they underflow
+// below 1e-19 and overflow above 1e19. 1, so that nothing changes, where the largest component lies between 2^-50 and 2^60.
+float factor_for_squares(vec3 v) {
+  const float largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
+  return largest < 8.8817842e-16 ? 1.23794004e27 : largest > 1.1529215e18 ? 8.4703295e-22 : 1.0;  // 2^90, 2^-70
+}
+
 #endif

@@ -3,6 +3,7 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
+#include "lib/stable.glsl"
 #include "lib/workgroup_sum.glsl"
 #include "shared/losses.h"
 
@@ -17,8 +18,10 @@ void main() {
   uint index = gl_GlobalInvocationID.x;
   bool counts = index < c.points;
   vec3 gradient = imageLoad(gradients, int(min(index, c.points - 1u) * c.stride + c.column)).xyz;
-  float size = sqrt(dot(gradient, gradient));
-  vec3 d_gradient = size > 0.0 ? (c.weight * c.inverse_normaliser * sign(size - 1.0) / size) * gradient : vec3(0.0);
+  float factor = factor_for_squares(gradient);
+  gradient *= factor;
+  float scaled_size = sqrt(dot(gradient, gradient)), size = scaled_size / factor;
+  vec3 d_gradient = scaled_size > 0.0 ? (c.weight * c.inverse_normaliser * sign(size - 1.0) / scaled_size) * gradient : vec3(0.0);
   // A NaN gradient compares as not above 0; it must reach the optimiser's guard, not vanish.
   d_gradient = isnan(size) ? vec3(size) : d_gradient;
   uint texel = index * c.d_stride + c.d_column;

@@ -6,6 +6,7 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
+#include "lib/finite.glsl"
 #include "lib/stable.glsl"
 #include "lib/workgroup_sum.glsl"
 #include "shared/losses.h"
@@ -29,10 +30,12 @@ void main() {
   bool counts = index < c.rays && mask >= 0.0;
 
   vec3 difference = color.xyz - target.xyz;
-  float clamped = clamp(color.w, 1e-3, 1.0 - 1e-3);
-  float cross_entropy = -(mask * stable_log1p(clamped - 1.0) + (1.0 - mask) * stable_log1p(-clamped));
-  float d_alpha = clamped == color.w ? (1.0 - mask) / (1.0 - clamped) - mask / clamped : 0.0;
+  float alpha = clamped(color.w, 1e-3, 1.0 - 1e-3);
+  float cross_entropy = -(mask * stable_log1p(alpha - 1.0) + (1.0 - mask) * stable_log1p(-alpha));
+  float d_alpha = alpha == color.w ? (1.0 - mask) / (1.0 - alpha) - mask / alpha : 0.0;
   vec4 gradient = vec4(c.color_weight * sign(difference), c.alpha_weight * d_alpha) * c.inverse_normaliser;
+  // sign and the comparison would hide a NaN, which must reach the optimiser's guard.
+  gradient = mix(gradient, color, is_nan(color));
   vec2 losses = vec2(dot(abs(difference), vec3(1.0)), cross_entropy) * c.inverse_normaliser;
   if (WEIGHTED != 0u) {
     float weight = weights[ray];

@@ -4,6 +4,7 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
+#include "lib/stable.glsl"
 #include "lib/workgroup_sum.glsl"
 #include "shared/losses.h"
 
@@ -21,11 +22,13 @@ void main() {
   uint point = min(index, c.points - 1u);
   vec3 gradient = imageLoad(gradients, int(point * c.stride + c.column)).xyz;
   vec3 normal = imageLoad(normals, int(point)).xyz;
-  float size = sqrt(dot(gradient, gradient));
+  float factor = factor_for_squares(gradient);
+  gradient *= factor;
+  float size = sqrt(dot(gradient, gradient));  // times `factor`
   // size > 0 is false for a NaN, which the eikonal loss has handed on already.
   vec3 direction = size > 0.0 ? gradient / size : vec3(0.0);
   float cosine = dot(direction, normal);
-  vec3 d_gradient = size > 0.0 ? (c.weight * c.inverse_normaliser / size) * (cosine * direction - normal) : vec3(0.0);
+  vec3 d_gradient = size > 0.0 ? (c.weight * c.inverse_normaliser / size * factor) * (cosine * direction - normal) : vec3(0.0);
   uint texel = index * c.d_stride + c.d_column;
   if (counts) d_gradients[texel] += vec4(d_gradient, 0.0);
   float sum = workgroup_sum(counts ? (1.0 - cosine) * c.inverse_normaliser : 0.0);

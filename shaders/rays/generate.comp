@@ -28,9 +28,10 @@ void main() {
   vec3 toward = on_plane.x * c.rotation_rows[0] + on_plane.y * c.rotation_rows[1] + c.rotation_rows[2];
   vec3 direction = toward / sqrt(dot(toward, toward));
 
-  // A ray parallel to a face has finite depths: components below 1e-5 in size count as ±1e-5.
-  vec3 at_least = mix(vec3(1e-5), vec3(-1e-5), lessThan(direction, vec3(0.0)));
-  vec3 divisor = mix(direction, at_least, lessThan(abs(direction), vec3(1e-5)));
+  // A ray parallel to a face has finite depths: components below 1e-12 in size count as ±1e-12 (the paper's code has 1e-5,
+  // with which a ray between two faces leaves a box of a metre before it arrives there from 10 km).
+  vec3 at_least = mix(vec3(1e-12), vec3(-1e-12), lessThan(direction, vec3(0.0)));
+  vec3 divisor = mix(direction, at_least, lessThan(abs(direction), vec3(1e-12)));
   vec3 to_minimum = (c.box_minimum - c.origin) / divisor;
   vec3 to_maximum = (c.box_maximum - c.origin) / divisor;
   vec3 enter = min(to_minimum, to_maximum);

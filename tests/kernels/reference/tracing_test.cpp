@@ -54,7 +54,7 @@ TEST(IntersectBox, ParallelToAFace) {
     EXPECT_TRUE(intersect_box({-5, 1.9, 0}, {1, tiny, 0}, kMinimum, kMaximum).hit) << tiny;
     EXPECT_FALSE(intersect_box({-5, 2.1, 0}, {1, tiny, 0}, kMinimum, kMaximum).hit) << tiny;
   }
-  // In the face's plane itself: a zero component counts as +1e-5, so the ray leaves through the upper face at once and
+  // In the face's plane itself: a zero component counts as +1e-12, so the ray leaves through the upper face at once and
   // enters through the lower one.
   EXPECT_FALSE(intersect_box({-5, 2, 0}, {1, 0, 0}, kMinimum, kMaximum).hit);
   EXPECT_TRUE(intersect_box({-5, -2, 0}, {1, 0, 0}, kMinimum, kMaximum).hit);
