@@ -31,6 +31,8 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   object["sampling_mode"] = "surface";  // one of two words; the default is the other
   object["root_correspondence"] = "grid";
   object["root_initialisations"] = 1;  // with a grid
+  object["root_rescue_steps"] = 30;
+  object["root_rescue_bones"] = 3;
   object["rendering"] = "surface";
   object["mask_samples"] = 99;  // at most 1024
   object["ray_importance"] = 0.75;  // a share
@@ -98,6 +100,8 @@ TEST(TrainingSettingsTest, RefusesWhatIsNoSetting) {
   for (const double alpha : {0.0, -1.0}) expect_refused(with("/mask_alpha", alpha), "mask_alpha");
   expect_refused(with("/mask_weight", -1), "mask_weight");
   for (const int starts : {0, 9}) expect_refused(with("/root_initialisations", starts), "root_initialisations");
+  expect_refused(with("/root_rescue_bones", 9), "root_rescue_bones");
+  expect_refused(with("/root_rescue_steps", 1001), "root_rescue_steps");
   json of_nodes = with("/root_initialisations", 3);
   of_nodes["root_correspondence"] = "grid_alone";
   expect_refused(of_nodes, "root_initialisations");
