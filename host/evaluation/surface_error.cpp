@@ -3,77 +3,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
-#include <fstream>
-#include <sstream>
 
 #include "host/evaluation/mesh_extraction.h"
 #include "host/evaluation/mesh_metrics.h"
+#include "host/evaluation/true_surface.h"
 #include "host/input_error.h"
 
 namespace arah {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "meshes are read as they lie in the file");
-
 constexpr double mesh_cell = 0.006;  // metres, of the avatar's
-constexpr uint8_t hair_part = 3;
 constexpr double f_score_within = 0.005;  // metres
-
-struct TrueSurface {
-  std::vector<glm::dvec3> vertices;
-  std::vector<glm::uvec3> triangles;
-  std::vector<bool> without_hair;  // by vertex: of a face that is not hair
-};
-
-TrueSurface true_surface(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  const auto refuse = [&](const std::string& expected, const std::string& found) { return InputError(path.string(), "", expected, found); };
-  if (!file) throw refuse("a mesh", "a file that cannot be read");
-  std::string line;
-  std::vector<std::string> header;
-  while (std::getline(file, line) && line != "end_header") {
-    if (line.starts_with("comment")) continue;
-    header.push_back(line);
-    if (header.size() > 64) break;
-  }
-  size_t vertices = 0, faces = 0;
-  std::string form;
-  for (const std::string& entry : header) {
-    std::istringstream words(entry);
-    std::string word, what;
-    words >> word >> what;
-    if (word == "element") (what == "vertex" ? vertices : faces) = [&] { size_t count = 0; words >> count; return count; }();
-    else form += entry + ";";
-  }
-  if (line != "end_header" || form != "ply;format binary_little_endian 1.0;property float x;property float y;property float z;property list uchar int vertex_indices;property uchar part;")
-    throw refuse("a PLY of binary_little_endian, float x y z and faces with a uchar part", "'" + form.substr(0, 200) + "'");
-  if (vertices == 0 || vertices > 100'000'000 || faces > 100'000'000) throw refuse("1 to 10^8 vertices and faces", fmt::format("{} and {}", vertices, faces));
-  const auto read = [&](void* to, size_t bytes) {
-    if (!file.read(static_cast<char*>(to), static_cast<std::streamsize>(bytes))) throw refuse(fmt::format("{} vertices and {} faces", vertices, faces), "the file's end");
-  };
-  std::vector<std::array<float, 3>> places(vertices);
-  read(places.data(), vertices * sizeof places[0]);
-  TrueSurface surface;
-  surface.without_hair.resize(vertices, false);
-  for (size_t f = 0; f < faces; ++f) {
-    uint8_t corners = 0, part = 0;
-    read(&corners, 1);
-    std::vector<int32_t> at(corners);
-    read(at.data(), corners * sizeof at[0]);
-    read(&part, 1);
-    for (const int32_t v : at) {
-      if (v < 0 || static_cast<size_t>(v) >= vertices) throw refuse(fmt::format("indices below {}", vertices), fmt::format("{}", v));
-      if (part != hair_part) surface.without_hair[static_cast<size_t>(v)] = true;
-    }
-    for (size_t k = 2; k < at.size(); ++k) surface.triangles.emplace_back(at[0], at[k - 1], at[k]);
-  }
-  for (const auto& p : places) surface.vertices.emplace_back(p[0], p[1], p[2]);
-  if (std::find(surface.without_hair.begin(), surface.without_hair.end(), true) == surface.without_hair.end()) throw refuse("faces that are not hair", "none");
-  return surface;
-}
 
 std::vector<std::pair<const MotionFrame*, std::filesystem::path>> frames_with_surface(const Capture& capture, const std::string& split) {
   std::vector<std::pair<const MotionFrame*, std::filesystem::path>> frames;
@@ -99,7 +40,7 @@ std::vector<SurfaceError> surface_errors(Device& device, const Avatar& avatar, c
     const SurfaceMesh& mesh = extraction.mesh(pose, avatar.spec.latent_size > 0 ? latent_row(avatar, frame->number) : 0);
     std::vector<glm::dvec3> vertices;
     for (const glm::vec3& p : mesh.posed(pose)) vertices.emplace_back(p);
-    const TrueSurface surface = true_surface(path);
+    const TrueSurface surface = read_true_surface(path);
     const MeshMetrics metrics = mesh_metrics({vertices, mesh.canonical().triangles}, {surface.vertices, surface.triangles});
     std::vector<double> distances;
     for (size_t v = 0; v < surface.vertices.size(); ++v)
