@@ -104,7 +104,6 @@ AvatarSpec smallest_spec() {
   spec.sdf = {3, 1, 30.0, SdfConditioning::latent, 2, 1};
   spec.color.width = 2;
   spec.color.hidden_layers = 1;
-  spec.color.narrow = 2;
   spec.latent_size = 1;
   spec.grid_cells = {2.0};
   return spec;

@@ -11,6 +11,7 @@
 
 #include "host/input_error.h"
 #include "host/version.h"
+#include "tests/host/body/hostile_json.h"
 #include "tests/host/body/rigs.h"
 
 namespace arah {
@@ -107,6 +108,13 @@ TEST(AvatarSpec, PartialJsonChangesOnlyWhatItStates) {
   EXPECT_EQ(before["color"].erase("directions"), 1u);
   EXPECT_EQ(before["sdf"].erase("kind"), 1u);
   EXPECT_EQ(spec_from_json(before.dump(), "file"), preset_spec("paper"));
+}
+
+TEST(AvatarSpec, RefusesDepth) {
+  for (const std::string& deep : {nested_lists(10'000), nested_objects(10'000), "{\"preset\":" + nested_lists(1'000'000) + "}"}) {
+    expect_input_error([&] { spec_from_json(deep, "file"); }, {"file", "nested at most 64 deep"});
+    expect_input_error([&] { spec_with_json(preset_spec("tiny"), deep, "file"); }, {"file", "nested at most 64 deep"});
+  }
 }
 
 TEST(AvatarSpec, RefusalsNameTheField) {

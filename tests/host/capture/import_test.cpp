@@ -417,7 +417,8 @@ TEST(Import, RefusesWhatEasyMocapWouldNotWrite) {
   refuse("output-smpl-3d/smpl/000001.json", EasyMocapFolder::fit_json(made.fits[1], 1), "\"Th\":[[0.1", "\"Tx\":[[0.1", {"000001.json", "Th"});
   refuse("output-smpl-3d/smpl/000001.json", EasyMocapFolder::fit_json(made.fits[1], 1), "[", "", {"000001.json", "JSON"});
   refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '['), "[", "[", {"000001.json", "JSON"});
-  refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '[') + std::string(10'000, ']'), "[", "[", {"000001.json", "a fit for each"});
+  refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '[') + std::string(10'000, ']'), "[", "[", {"000001.json", "nested at most 64 deep"});
+  refuse("output-smpl-3d/smpl/000001.json", std::string(50, '[') + std::string(50, ']'), "[", "[", {"000001.json", "a fit for each"});
 }
 
 // The same subject in both layouts. Pictures went through JPEG and masks lost their soft edges on the way; all else is equal.
