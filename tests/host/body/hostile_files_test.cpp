@@ -7,10 +7,12 @@
 #include <cmath>
 
 #include "host/body/json_fields.h"
-#include "host/body/motion.h"
+#include "host/body/motion_file.h"
+#include "host/body/pickle.h"
 #include "tests/host/body/glb_parts.h"
 #include "tests/host/body/hostile_json.h"
 #include "tests/host/body/memory_of_refusal.h"
+#include "tests/host/body/python_files.h"
 #include "tests/host/body/rigs.h"
 
 namespace arah {
@@ -187,6 +189,49 @@ TEST(HostileGltf, BombsStayUnderHalfAGigabyte) {
       p->head["meshes"].push_back(mesh);
       p->head["nodes"].push_back({{"mesh", m + 1}, {"skin", 0}});
     }
+  });
+}
+
+// Frames that are nearly free in a file.
+TEST(HostileMotion, BombsStayUnderHalfAGigabyte) {
+  const TemporaryFolder folder;
+  const auto still_joints = [&](std::size_t frames) {
+    std::string text = "HIERARCHY\nROOT a {\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n";
+    for (int i = 0; i < 255; ++i) text += "JOINT j" + std::to_string(i) + " {\nOFFSET 0 0 0\nCHANNELS 0\n}\n";
+    text += "}\nMOTION\nFrames: " + std::to_string(frames) + "\nFrame Time: 0.01\n";
+    for (std::size_t f = 0; f < frames; ++f) text += "0\n";
+    return folder.write("still.bvh", text);
+  };
+  const auto many = still_joints(600'000);
+  expect_cheap_refusal("joints that stand still, refused", [&] { read_motion_file(many); });
+  expect_input_error([&] { read_motion_file(many); }, {"still.bvh: line 1029: Frames", "at most 22988 frames of 256 joints", "600000"});
+  const auto most = still_joints(22'988);
+  expect_cheap_refusal("joints that stand still, read", [&] {
+    read_motion_file(most);
+    throw InputError("the motion is read");
+  });
+  const std::size_t frames = 600'000;
+  const auto amass = folder.write("many.npz", python::npz({{"poses", python::npy("|u1", {frames, 72}, std::string(72 * frames, '\0'))}, {"trans", python::npy("|u1", {frames, 3}, std::string(3 * frames, '\0'))}}, false));
+  expect_cheap_refusal("six hundred thousand frames of bytes", [&] { read_motion_file(amass); });
+  expect_input_error([&] { read_motion_file(amass); }, {"many.npz: poses", "at most 222222 frames"});
+}
+
+// Lists may share what they contain.
+TEST(HostilePickle, SharedListsAreNoBomb) {
+  const auto repeated = [](const std::string& instruction, std::size_t count) {
+    std::string all = "](";
+    for (std::size_t i = 0; i < count; ++i) all += instruction;
+    return all + "e";
+  };
+  const std::string nothing = python::pickle("]q\1" "0" + repeated("h\1", 100'000) + "q\2" "0" + repeated("h\2", 100'000));
+  expect_cheap_refusal("lists of lists of nothing", [&] {
+    const PythonData data = parse_pickle(nothing, "a.pkl");
+    python_numbers(*data.root, -1, "a.pkl", "poses");
+  });
+  const std::string texts = python::pickle(python::text(std::string(1'000'000, 'x')) + "q\1" "0" + repeated("h\1", 100'000));
+  expect_cheap_refusal("one long text a hundred thousand times", [&] {
+    const PythonData data = parse_pickle(texts, "a.pkl");
+    python_texts(*data.root, "a.pkl", "names");
   });
 }
 
