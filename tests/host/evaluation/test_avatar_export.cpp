@@ -116,6 +116,10 @@ TEST_F(AvatarExport, FollowsTheShapeByMorphTargets) {
   ASSERT_EQ(channels.back()["target"]["path"], "weights");
   const auto weights = file.values(file.json["animations"][0]["samplers"][channels.back()["sampler"].get<size_t>()]["output"]);
   double with = 0, without = 0;
+  for (const auto& weight : weights) {
+    EXPECT_GE(weight[0], 0.0) << "sliders begin at 0";
+    EXPECT_LE(weight[0], 1.0);
+  }
   for (size_t f = 0; f < frames.size(); ++f) {
     std::vector<glm::dvec3> shaped = base;
     for (size_t k = 0; k < report.correctives; ++k) {
