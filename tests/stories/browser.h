@@ -20,14 +20,16 @@ inline std::optional<std::string> browser() {
   return {};
 }
 
+inline constexpr int kBrowsedHeight = 3000;  // pixels
+
 // A page opened in a window of `width` pixels, without a network: no name resolves.
 class BrowsedPage {
  public:
   // folder: for the browser's profile, a copy of the page and the screenshot. Throws std::runtime_error where the browser says nothing.
   BrowsedPage(const std::string& program, const std::filesystem::path& page, const std::filesystem::path& folder, int width) {
     const std::string options = fmt::format(
-        "timeout 120 {} --headless --disable-gpu --no-sandbox --hide-scrollbars --force-device-scale-factor=1 --host-resolver-rules='MAP * ~NOTFOUND' --user-data-dir='{}' --window-size={},1600",
-        program, (folder / "profile").string(), width);
+        "timeout 120 {} --headless --disable-gpu --no-sandbox --hide-scrollbars --force-device-scale-factor=1 --host-resolver-rules='MAP * ~NOTFOUND' --user-data-dir='{}' --window-size={},{}",
+        program, (folder / "profile").string(), width, kBrowsedHeight);
     const std::filesystem::path asked = folder / "asked.html", shot = folder / fmt::format("{}_{}.png", page.stem().string(), width);
     std::ofstream(asked, std::ios::binary) << read_all(page) << kQuestions;
     const std::string dom = output_of(fmt::format("{} --virtual-time-budget=20000 --dump-dom 'file://{}' 2>/dev/null", options, asked.string())).value_or("");
@@ -48,7 +50,8 @@ class BrowsedPage {
   static constexpr std::string_view kMark = "@@answers@@";
   static constexpr const char* kQuestions = R"(<script>
 addEventListener('load', async () => {
-  for (const img of document.images) { img.loading = 'eager'; try { await img.decode(); } catch (e) {} }
+  for (const img of document.images) img.loading = 'eager';
+  for (let i = 0; i < 200 && [...document.images].some(img => !img.complete); ++i) await new Promise(done => setTimeout(done, 50));
   const covered = [];
   for (const svg of document.querySelectorAll('svg')) {
     const frame = svg.getBoundingClientRect(), texts = [...svg.querySelectorAll('text')].map(t => [t.textContent, t.getBoundingClientRect()]);
@@ -65,7 +68,8 @@ addEventListener('load', async () => {
     overflow: document.documentElement.scrollWidth - innerWidth,
     covered: covered,
   };
-  document.body.textContent = '@@answers@@' + JSON.stringify(answers).replace(/[<>&]/g, c => '\\u00' + c.charCodeAt(0).toString(16)) + '@@answers@@';
+  const mark = '@@' + 'answers@@';
+  document.body.textContent = mark + JSON.stringify(answers).replace(/[<>&]/g, c => '\\u00' + c.charCodeAt(0).toString(16)) + mark;
 });
 </script>)";
 };

@@ -45,7 +45,7 @@ class BrowserStory : public testing::Test {
     EXPECT_THAT(seen.answers["resources"], testing::IsEmpty()) << "a page is one file";
     EXPECT_LE(seen.answers["overflow"], 0) << "the page is wider than the window";
     EXPECT_THAT(seen.answers["covered"], testing::IsEmpty());
-    EXPECT_EQ(seen.screenshot.size(), cv::Size(width, 1600));
+    EXPECT_EQ(seen.screenshot.size(), cv::Size(width, kBrowsedHeight));
     EXPECT_GT(count_color(seen.screenshot, {255, 255, 255}), seen.screenshot.rows * width / 4) << "the page's ground";
     EXPECT_GT(count_color(seen.screenshot, {0, 0, 0}), 1000) << "the pictures' ground";
     if (const char* keep = std::getenv("ARAH_SCREENSHOTS")) {
