@@ -5,6 +5,8 @@
 
 #include "host/avatar/avatar_file.h"
 #include "host/capture/camera.h"
+#include "host/training/pretrain_settings.h"
+#include "host/training/training_settings.h"
 #include "tests/host/body/glb_parts.h"
 #include "tests/host/body/python_pickles.h"
 #include "tests/host/body/rigs.h"
@@ -124,9 +126,8 @@ void add_avatars(Seeds& seeds) {
 }
 
 void add_settings_and_surfaces(Seeds& seeds) {
-  // Each alone is refused for what it lacks: the fuzzer finds the other names in the comparisons.
-  seeds.add("settings", R"({"preset":"tiny","seed":1,"rays":256,"sampling_mode":"surface","sdf":{"rate":1e-4,"freeze":200,"warm_up":200,"max_norm":10},"pose_refinement":false})");
-  seeds.add("settings", R"({"preset":"tiny","seed":1,"bodies":3,"poses":4,"sdf":{"steps":5,"tasks":1,"inner_steps":2,"inner_rate":1e-4,"outer_rate":1e-3,"end_fraction":0.1}})");
+  seeds.add("settings", settings_to_json(preset_settings("tiny")));
+  seeds.add("settings", pretrain_settings_to_json(preset_pretrain_settings("tiny")));
   std::string ply = "ply\nformat binary_little_endian 1.0\ncomment small\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nproperty uchar part\nend_header\n";
   ply += python::raw<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}) + "\3" + python::raw<std::int32_t>({0, 1, 2}) + "\1";
   seeds.add("true_surface", ply);

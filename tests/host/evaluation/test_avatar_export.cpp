@@ -171,7 +171,7 @@ TEST_F(AvatarExport, HasTheSameSilhouetteInBlender) {
     ASSERT_EQ(mesh.vertices.size(), read.size());
     for (size_t v = 0; v < read.size(); ++v) apart = std::max(apart, glm::distance(glm::dvec3(mesh.vertices[v]), z_up(read[v])));
     std::printf("  pose %zu: overlap", f);
-    for (const int size : {256, 512}) {
+    for (const int size : f % 3 == 0 ? std::vector<int>{256, 512} : std::vector<int>{256}) {
       const Camera camera = capsule_camera(size, size);
       const std::vector<VisiblePlace> places = visible_places(camera, mesh.vertices, mesh.triangles);
       GlbPicture picture{std::vector<bool>(places.size()), std::vector<glm::dvec3>(places.size(), glm::dvec3(0.0))};
