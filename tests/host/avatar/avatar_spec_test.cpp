@@ -162,9 +162,10 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"preset": "a b"})", {"preset", "letters"}},
       {R"({"preset": null})", {"preset", "a text"}},
   };
-  for (const auto& [text, parts] : cases) {
+  for (const auto& entry : cases) {
+    const std::string& text = entry.first;
     SCOPED_TRACE(text);
-    std::vector<std::string> all = parts;
+    std::vector<std::string> all = entry.second;
     all.push_back("avatar.safetensors: spec");
     expect_input_error([&] { spec_with_json(base, text, "avatar.safetensors: spec"); }, all);
   }
