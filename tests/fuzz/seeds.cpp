@@ -33,11 +33,6 @@ class Seeds {
   int count_ = 0;
 };
 
-std::string text_in(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 void add_python_files(Seeds& seeds) {
   for (const std::string& file : pickles_of_python()) seeds.add("pickle", file);
   for (int version = 1; version <= 3; ++version) seeds.add("npy", python::npy("<f4", {2, 2}, python::raw<float>({1, 2, 3, 4.5f}), version == 2, version));
