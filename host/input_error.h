@@ -8,14 +8,22 @@
 
 namespace arah {
 
+// One line that a terminal can show, whatever names and values of a file it quotes: control characters become '?'.
+inline std::string without_controls(std::string text) {
+  for (char& letter : text) {
+    if (static_cast<unsigned char>(letter) < ' ' || letter == '\x7f') letter = '?';
+  }
+  return text;
+}
+
 // what() reads: "<where>: <field>: expected <expected>, found <found>. <advice>" with empty parts left out.
 class InputError : public std::runtime_error {
  public:
-  explicit InputError(const std::string& text) : std::runtime_error(text) {}
+  explicit InputError(const std::string& text) : std::runtime_error(without_controls(text)) {}
   InputError(const std::string& where, const std::string& field, const std::string& expected, const std::string& found,
              const std::string& advice = "")
-      : std::runtime_error(fmt::format("{}{}: expected {}, found {}.{}", where, field.empty() ? "" : ": " + field, expected,
-                                       found, advice.empty() ? "" : " " + advice)) {}
+      : InputError(fmt::format("{}{}: expected {}, found {}.{}", where, field.empty() ? "" : ": " + field, expected, found,
+                               advice.empty() ? "" : " " + advice)) {}
 };
 
 }  // namespace arah

@@ -36,11 +36,7 @@ class Metadata {
   }
 
   nlohmann::json json(const char* key) const {
-    try {
-      return nlohmann::json::parse(text(key));
-    } catch (const nlohmann::json::exception& error) {
-      throw InputError(where_, field(key), "JSON", error.what());
-    }
+    return parse_json(text(key), where_, field(key));
   }
 
   uint64_t number(const char* key) const {
@@ -228,7 +224,7 @@ Avatar avatar_from_tensors(const SafetensorsFile& file) {
   Avatar avatar;
   avatar.version = metadata.text("version");
   avatar.spec = spec_from_json(metadata.text("spec"), where + ": spec");
-  metadata.json("settings");
+  if (!metadata.json("settings").is_object()) throw InputError(where, metadata.field("settings"), "an object", metadata.text("settings").substr(0, 60));
   avatar.settings = metadata.text("settings");
   avatar.seed = metadata.number("seed");
   avatar.steps = metadata.number("steps");

@@ -16,6 +16,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "host/body/json_text.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
 
@@ -153,6 +154,7 @@ json parse_header(const std::string& file, const std::string& text) {
     }
     return true;
   };
+  check_json_text(text, file, "header");
   json header;
   try {
     header = json::parse(text, watch);

@@ -108,12 +108,7 @@ Word parse_word(const nlohmann::json& json, std::initializer_list<Word> words, c
 }
 
 AvatarSpec read_spec(AvatarSpec spec, const std::string& text, const std::string& where, bool complete) {
-  nlohmann::json json;
-  try {
-    json = nlohmann::json::parse(text);
-  } catch (const nlohmann::json::exception& error) {
-    throw InputError(where, "", "JSON", error.what());
-  }
+  const nlohmann::json json = parse_json(text, where);
   Fields top(json, where, "", complete);
   top.read("preset", spec.preset);
   if (const auto* part = top.take("skinning")) {

@@ -34,7 +34,8 @@ struct BodyTemplate {
 // Joints keep the skin's order where parents already come before children. Normals that the file lacks are computed.
 // Morph targets are the body's shape (morph_targets.h); the body has the shape that the mesh's weights state, as viewers
 // show it, while inverse bind matrices state the joints of the base. More than kMaxShapes targets are left out.
-// Throws InputError: not a glTF file, truncated, no skin, more than 64 joints, more than four influences, several
+// Buffers of a text file lie in its folder or below; a binary file is one piece. Nothing else is opened.
+// Throws InputError: not a glTF file, truncated, of more than 128 MB, a million vertices or two million triangles, no skin, more than 64 joints, more than four influences, several
 // roots, indices out of range, numbers that are not finite, vertices without weight, compressed data, sparse data other
 // than morph targets', targets that do not fit the vertices.
 BodyTemplate read_body_template(const std::filesystem::path& path);

@@ -13,6 +13,9 @@
 namespace arah {
 namespace {
 
+// Primitives may share one accessor, so that a small file can state any number of vertices.
+constexpr std::size_t kMostGltfVertices = 1'000'000, kMostGltfTriangles = 2'000'000;
+
 bool finite(const glm::dvec3& v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
 }
@@ -161,6 +164,7 @@ void read_primitive(const tinygltf::Model& model, const tinygltf::Primitive& pri
                      fmt::format("{} and {}", joints.count(), weights.count()));
   }
   const std::size_t first = body->vertices.size();
+  if (positions.count() > kMostGltfVertices - first) throw InputError(where, field, fmt::format("at most {} vertices", kMostGltfVertices), fmt::format("{}", first + positions.count()));
   for (std::size_t i = 0; i < positions.count(); ++i) {
     const std::string vertex = fmt::format("{} vertex {}", field, i);
     const glm::dvec4 position(positions.value(i, 0), positions.value(i, 1), positions.value(i, 2), 1.0);
@@ -207,8 +211,13 @@ void read_primitive(const tinygltf::Model& model, const tinygltf::Primitive& pri
   }
 
   std::vector<std::size_t> indices;
+  const auto require_few = [&](std::size_t count) {
+    const std::size_t triangles = body->triangles.size() + count / 3;
+    if (triangles > kMostGltfTriangles) throw InputError(where, field, fmt::format("at most {} triangles", kMostGltfTriangles), fmt::format("{}", triangles));
+  };
   if (primitive.indices >= 0) {
     const GltfAccessor stored(model, primitive.indices, TINYGLTF_TYPE_SCALAR, where, field + " indices");
+    require_few(stored.count());
     for (std::size_t i = 0; i < stored.count(); ++i) {
       const double index = stored.value(i, 0);
       if (!(index >= 0.0 && index < static_cast<double>(positions.count()))) {
@@ -218,6 +227,7 @@ void read_primitive(const tinygltf::Model& model, const tinygltf::Primitive& pri
       indices.push_back(static_cast<std::size_t>(index));
     }
   } else {
+    require_few(positions.count());
     for (std::size_t i = 0; i < positions.count(); ++i) indices.push_back(i);
   }
   if (indices.size() % 3 != 0) {
@@ -286,7 +296,7 @@ BodyTemplate template_from_model(const tinygltf::Model& model, const std::string
 }  // namespace
 
 BodyTemplate read_body_template_bytes(std::span<const std::byte> bytes, const std::string& where) {
-  BodyTemplate body = template_from_model(parse_gltf(bytes, where, ""), where);
+  BodyTemplate body = template_from_model(parse_gltf(bytes, where, {}), where);
   body.glb.assign(bytes.begin(), bytes.end());
   return body;
 }
@@ -295,7 +305,7 @@ BodyTemplate read_body_template(const std::filesystem::path& path) {
   const std::vector<std::byte> bytes = gltf_bytes(path);
   if (is_binary_gltf(bytes)) return read_body_template_bytes(bytes, path.string());
   // A text file's buffers may lie beside it; what an avatar carries along must be one piece.
-  BodyTemplate body = template_from_model(parse_gltf(bytes, path.string(), path.parent_path().string()), path.string());
+  BodyTemplate body = template_from_model(parse_gltf(bytes, path.string(), std::filesystem::absolute(path).parent_path()), path.string());
   body.glb = body_template_glb(body);
   return body;
 }

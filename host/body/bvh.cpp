@@ -185,7 +185,8 @@ class BvhReader {
     expect("MOTION");
     expect("Frames:");
     const std::size_t frames = count(next(), "Frames");
-    if (frames < 1 || frames > 100'000'000) fail("1 to 100,000,000 frames", fmt::format("{}", frames));
+    if (frames < 1) fail("1 or more frames", "0");
+    check_motion_size(frames, joints_.size(), where_, fmt::format("line {}: Frames", line_));
     expect("Frame");
     expect("Time:");
     const double seconds = number(next(), "Frame Time");
@@ -197,6 +198,7 @@ class BvhReader {
     for (std::size_t f = 0; f < frames; ++f) {
       MotionFrame frame;
       frame.number = static_cast<int>(f);
+      frame.pose.theta.reserve(joints_.size() - root);
       BvhPlace above;  // of the joints that the root takes in
       bool first = true;
       for (std::size_t j = 0; j < joints_.size(); ++j) {

@@ -13,14 +13,15 @@
 
 namespace arah {
 
-// The file's bytes. Throws InputError where it cannot be opened.
+// The file's bytes. Throws InputError where it cannot be opened or has more than 128 MB.
 std::vector<std::byte> gltf_bytes(const std::filesystem::path& path);
 
 // Whether they begin as a .glb does.
 bool is_binary_gltf(std::span<const std::byte> bytes);
 
-// The model, without pictures. folder: where a text file's buffers lie. Throws InputError naming `where`: not glTF 2.0, damaged, 4 GiB or more.
-tinygltf::Model parse_gltf(std::span<const std::byte> bytes, const std::string& where, const std::string& folder);
+// The model, without pictures. folder: of a text file, where or below which its buffers lie; empty: they are in the file. Throws InputError
+// naming `where`: not glTF 2.0, damaged, JSON that is deep or would take much memory, buffers of more than 128 MB together.
+tinygltf::Model parse_gltf(std::span<const std::byte> bytes, const std::string& where, const std::filesystem::path& folder);
 
 inline constexpr std::size_t kNoGltfNode = std::numeric_limits<std::size_t>::max();
 

@@ -357,7 +357,7 @@ class GltfMotionReader {
 };
 
 tinygltf::Model read_animated_gltf(const std::filesystem::path& path) {
-  tinygltf::Model model = parse_gltf(gltf_bytes(path), path.string(), path.parent_path().string());
+  tinygltf::Model model = parse_gltf(gltf_bytes(path), path.string(), std::filesystem::absolute(path).parent_path());
   for (std::size_t a = 0; a < model.animations.size(); ++a) {
     if (model.animations[a].name.empty()) model.animations[a].name = fmt::format("animation_{}", a);
   }

@@ -4,30 +4,38 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <glm/vec3.hpp>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 
+#include "host/body/json_text.h"
+#include "host/body/mapped_file.h"
 #include "host/input_error.h"
 
 namespace arah {
 
-// The whole file. Throws InputError if it cannot be opened or is not JSON (NaN and Infinity are not).
-inline nlohmann::json read_json(const std::filesystem::path& path) {
-  std::ifstream file(path);
-  if (!file || std::filesystem::is_directory(path)) {
-    throw InputError(path.string(), "", "a JSON file", "none that can be opened");
-  }
+// Throws InputError naming `where` and `field`: not JSON (NaN and Infinity are not), and what check_json_text() refuses.
+template <typename Json = nlohmann::json>
+Json parse_json(std::string_view text, const std::string& where, const std::string& field = "") {
+  check_json_text(text, where, field);
   try {
-    return nlohmann::json::parse(file);
+    return Json::parse(text);
   } catch (const nlohmann::json::exception& error) {
-    throw InputError(path.string(), "", "JSON", error.what());
+    throw InputError(where, field, "JSON", error.what());
   }
+}
+
+// The whole file. Throws InputError if it cannot be opened, has more than kMostJsonFile bytes, or as parse_json() does.
+inline nlohmann::json read_json(const std::filesystem::path& path) {
+  if (!std::filesystem::is_regular_file(path)) throw InputError(path.string(), "", "a JSON file", "none that can be opened");
+  const MappedFile file(path, kMostJsonFile);
+  return parse_json(file.bytes(), path.string());
 }
 
 // A value in words, short enough for one line.
 inline std::string json_excerpt(const nlohmann::json& value) {
+  if (value.is_structured() && value.size() > 60) return fmt::format("{} of {} values", value.is_array() ? "a list" : "an object", value.size());
   const std::string text = value.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
   return text.size() <= 60 ? text : text.substr(0, 57) + "...";
 }

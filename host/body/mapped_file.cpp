@@ -13,7 +13,7 @@
 namespace arah {
 
 MappedFile::MappedFile(const std::filesystem::path& path, std::size_t largest) {
-  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);  // a pipe without a writer is refused, not waited for
   struct stat state{};
   if (file < 0 || ::fstat(file, &state) != 0 || !S_ISREG(state.st_mode)) {
     const std::string reason = file < 0 ? std::strerror(errno) : "something else";

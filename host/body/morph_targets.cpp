@@ -7,6 +7,11 @@
 #include "host/input_error.h"
 
 namespace arah {
+namespace {
+
+constexpr std::size_t kMostTargets = 1024, kMostDisplacements = 12'000'000;
+
+}  // namespace
 
 std::optional<std::vector<glm::dvec3>> MorphTargets::stated_joints(const tinygltf::Mesh& mesh, std::size_t target) const {
   if (!mesh.extras.IsObject() || !mesh.extras.Has("joint_shapedirs")) return std::nullopt;
@@ -69,7 +74,10 @@ void MorphTargets::begin_mesh(const tinygltf::Node& node, const tinygltf::Mesh& 
                                        std::find(of_mesh_.begin(), of_mesh_.end(), place) != of_mesh_.end())) {
       ++place;
     }
-    if (place == targets_.size()) targets_.push_back(std::move(target));
+    if (place == targets_.size()) {
+      if (place == kMostTargets) throw InputError(where_, fmt::format("mesh '{}'", mesh.name), fmt::format("at most {} morph targets of different names in all meshes", kMostTargets), "more");
+      targets_.push_back(std::move(target));
+    }
     if (!targets_[place].joints) targets_[place].joints = stated_joints(mesh, t);
     of_mesh_.push_back(place);
   }
@@ -84,6 +92,9 @@ void MorphTargets::add_primitive(const tinygltf::Primitive& primitive, const std
     if (displacements.count() != vertices) throw InputError(where_, name, fmt::format("{} displacements, as vertices", vertices), fmt::format("{}", displacements.count()));
     Target& target = targets_[of_mesh_[t]];
     target.displaces = true;
+    // A sparse accessor states displacements of any number of vertices in a few bytes.
+    displacements_ += first + vertices - std::min(first + vertices, target.offsets.size());
+    if (displacements_ > kMostDisplacements) throw InputError(where_, name, fmt::format("at most {} displacements in all targets", kMostDisplacements), "more");
     target.offsets.resize(first + vertices, glm::vec3(0.0f));
     for (std::size_t i = 0; i < vertices; ++i) {
       const glm::dvec3 displacement(displacements.value(i, 0), displacements.value(i, 1), displacements.value(i, 2));

@@ -45,6 +45,7 @@ class MorphTargets {
   const std::string& where_;
   std::vector<Target> targets_;
   std::vector<std::size_t> of_mesh_;  // its targets' places in targets_
+  std::size_t displacements_ = 0;     // of all targets
   std::size_t most_ = 0;              // targets of a mesh that has too many; 0: none has
 };
 

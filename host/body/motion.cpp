@@ -42,6 +42,11 @@ nlohmann::ordered_json as_json(const glm::dvec3& v) {
 
 }  // namespace
 
+void check_motion_size(std::size_t frames, std::size_t joints, const std::string& where, const std::string& field) {
+  const std::size_t most = kMostMotionJoints / (joints + 5);
+  if (frames > most) throw InputError(where, field, fmt::format("at most {} frames of {} joints", most, joints), fmt::format("{}", frames), "Cut the motion into parts.");
+}
+
 Motion read_motion(const std::filesystem::path& path) {
   const std::string where = path.string();
   const nlohmann::json file = read_json(path);

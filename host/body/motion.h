@@ -25,6 +25,12 @@ struct Motion {
   double frames_per_second = 0;  // 0: not known
 };
 
+// What a file may state, all frames together: joints, and five more a frame for the rest of it, of 24 bytes each. 22 joints: half an
+// hour of 120 frames a second. A line of a BVH file may state hundreds of joints that do not move.
+inline constexpr std::size_t kMostMotionJoints = 6'000'000;
+// Throws InputError naming `where` and `field` beyond that.
+void check_motion_size(std::size_t frames, std::size_t joints, const std::string& where, const std::string& field);
+
 // Reads the native JSON: `joint_names`, `parents`, `joint_rest` (metres) and `frames`, each with `frame` (number),
 // `theta` [J][3] axis-angles and `root_position` (or `trans` = root_position − joint_rest[0]); `split`, `source`,
 // `poses` and `fps` are optional. Throws InputError naming file, frame and field: missing or truncated file, missing fields, numbers that are

@@ -52,6 +52,7 @@ Motion smpl_motion(const PythonArray& poses, const char* poses_field, const Pyth
   const std::size_t frames = poses.shape[0], numbers = poses.shape[1];
   if (frames == 0) throw InputError(where, poses_field, "at least one frame", "none");
   if (trans.shape[0] != frames) throw InputError(where, trans_field, fmt::format("{} frames, as {} has", frames, poses_field), fmt::format("{}", trans.shape[0]));
+  check_motion_size(frames, kSharedJoints, where, poses_field);
   for (std::size_t f = 0; f < frames; ++f) {
     MotionFrame frame;
     frame.number = static_cast<int>(f);

@@ -94,12 +94,12 @@ std::string stored_text(const PythonArray& array, std::size_t place) {
   return text.substr(0, text.find('\0'));  // shorter texts are filled up with zeros
 }
 
-// Lists may share what they contain, so that a small file could stand for any number of numbers.
-constexpr std::size_t kMostNumbers = std::size_t{1} << 24;
+// Lists may share what they contain, so that a small file could stand for any number of numbers, of texts, or of lists of nothing.
+constexpr std::size_t kMostNumbers = std::size_t{1} << 24, kMostTexts = 1'000'000, kMostTextBytes = 100'000'000;
 
 // Appends the numbers of a value; false where it is something else or has too many. Lists of lists at most three deep.
-bool append_numbers(const PythonValue& value, int depth, std::vector<double>& numbers) {
-  if (numbers.size() >= kMostNumbers) return false;
+bool append_numbers(const PythonValue& value, int depth, std::vector<double>& numbers, std::size_t& visited) {
+  if (numbers.size() >= kMostNumbers || ++visited > kMostNumbers) return false;
   if (const auto* truth = std::get_if<bool>(&value.content)) {
     numbers.push_back(*truth ? 1.0 : 0.0);
   } else if (const auto* integer = std::get_if<std::int64_t>(&value.content)) {
@@ -111,7 +111,7 @@ bool append_numbers(const PythonValue& value, int depth, std::vector<double>& nu
     for (std::size_t i = 0; i < array->size(); ++i) numbers.push_back(array->number(i));
   } else if (const auto* list = std::get_if<PythonList>(&value.content); list && depth > 0) {
     for (const PythonValue* item : list->items) {
-      if (!append_numbers(*item, depth - 1, numbers)) return false;
+      if (!append_numbers(*item, depth - 1, numbers, visited)) return false;
     }
   } else {
     return false;
@@ -248,11 +248,17 @@ std::string python_text(const PythonValue& value, const std::string& where, cons
 
 std::vector<std::string> python_texts(const PythonValue& value, const std::string& where, const std::string& field) {
   std::vector<std::string> texts;
+  std::size_t bytes = 0;
+  const auto add = [&](std::string text) {
+    bytes += text.size();
+    if (texts.size() >= kMostTexts || bytes > kMostTextBytes) throw InputError(where, field, fmt::format("at most {} texts of {} bytes", kMostTexts, kMostTextBytes), "more");
+    texts.push_back(std::move(text));
+  };
   const PythonArray* array = as_array(value);
   if (array && holds_letters(*array) && array->type.size > 0 && array->shape.size() == 1) {
-    for (std::size_t i = 0; i < array->size(); ++i) texts.push_back(stored_text(*array, i));
+    for (std::size_t i = 0; i < array->size(); ++i) add(stored_text(*array, i));
   } else {
-    for (const PythonValue* item : python_items(value, -1, where, field)) texts.push_back(python_text(*item, where, field));
+    for (const PythonValue* item : python_items(value, -1, where, field)) add(python_text(*item, where, field));
   }
   return texts;
 }
@@ -283,7 +289,8 @@ const PythonArray& python_array(const PythonValue& value, const std::vector<long
 std::vector<double> python_numbers(const PythonValue& value, long count, const std::string& where,
                                    const std::string& field) {
   std::vector<double> numbers;
-  if (!append_numbers(value, 3, numbers)) throw InputError(where, field, "numbers", python_excerpt(value));
+  std::size_t visited = 0;
+  if (!append_numbers(value, 3, numbers, visited)) throw InputError(where, field, "numbers", python_excerpt(value));
   if (count >= 0 && numbers.size() != static_cast<std::size_t>(count)) {
     throw InputError(where, field, fmt::format("{} numbers", count), python_excerpt(value));
   }

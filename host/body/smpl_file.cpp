@@ -18,7 +18,7 @@ namespace arah {
 namespace {
 
 constexpr double kNoParent = 4294967295.0;  // 2^32 − 1, or −1 where the table is signed
-constexpr long kMostVertices = 1'000'000;
+constexpr std::size_t kMostVertices = 200'000, kMostFaces = 400'000;  // SMPL-X has 10,475 and 20,908
 constexpr std::size_t kMeasuredPoses = 20;
 
 // The fields of either kind of file. Chumpy's arrays count as the arrays in them.
@@ -295,6 +295,7 @@ SmplBody read_smpl_body(const std::filesystem::path& path, std::span<const doubl
   }
   read_smpl_weights(file, result);
   const PythonArray& faces = file.array("f", {-1, 3});
+  if (faces.shape[0] > kMostFaces) throw InputError(path.string(), "f", fmt::format("at most {} faces", kMostFaces), fmt::format("{}", faces.shape[0]));
   for (std::size_t i = 0; i < faces.shape[0]; ++i) {
     glm::uvec3 triangle;
     for (int k = 0; k < 3; ++k) {

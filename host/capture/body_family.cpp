@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "host/body/json_fields.h"
 #include "host/capture/implicit_surface.h"
 #include "host/capture/synthetic_motion.h"
 #include "host/input_error.h"
@@ -99,11 +100,12 @@ BodyFamily generated_family(std::size_t bodies, std::uint64_t first_seed, const 
 }
 
 std::optional<RestingArms> described_arms(const std::string& description) {
-  const auto parsed = nlohmann::json::parse(description);
+  const std::string where = "the bodies that the file began with";
+  const auto parsed = parse_json(description, where);
   if (!parsed.contains("arms")) return {};
   RestingArms arms;
-  for (std::size_t i = 0; i < 6; ++i)
-    for (int axis = 0; axis < 3; ++axis) arms.bones[i / 3][i % 3][axis] = parsed.at("arms").at(i).at(static_cast<std::size_t>(axis));
+  const auto& bones = json_list(parsed["arms"], 6, where, "arms");
+  for (std::size_t i = 0; i < 6; ++i) arms.bones[i / 3][i % 3] = json_vector(bones[i], where, fmt::format("arms[{}]", i));
   return arms;
 }
 

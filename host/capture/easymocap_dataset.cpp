@@ -66,6 +66,9 @@ Dataset read_easymocap(const fs::path& folder) {
       camera.width = size.width;
       camera.height = size.height;
     }
+    for (const Camera& other : dataset.cameras) {
+      if (other.name == name) throw InputError((folder / "intri.yml").string(), "names", "each camera once", "'" + name + "' twice");
+    }
     dataset.cameras.push_back(camera);
   }
   if (dataset.cameras.empty()) throw InputError((folder / "intri.yml").string(), "names", "at least one camera", "none");

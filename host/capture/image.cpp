@@ -10,10 +10,19 @@
 namespace arah {
 namespace {
 
+// Refuses a picture of another size than its camera's, before it is decoded.
+void check_size(const PictureFile& file, const Camera& view, const std::string& where) {
+  if (file.size() == cv::Size(view.width, view.height)) return;
+  throw InputError(where, "size", fmt::format("{}x{}, as camera '{}' in cameras.json", view.width, view.height, view.name),
+                   fmt::format("{}x{}", file.size().width, file.size().height));
+}
+
 // The picture's pixels, 8 or 16 bits, BGRA.
-cv::Mat read_bgra(const std::filesystem::path& path) {
+cv::Mat read_bgra(const std::filesystem::path& path, const Camera& view) {
   const std::string where = path.string();
-  cv::Mat picture = read_picture_file(path, /*png_only=*/true);
+  const PictureFile file(path, /*png_only=*/true);
+  check_size(file, view, where);
+  cv::Mat picture = file.decoded();
   if (picture.channels() != 4 || (picture.depth() != CV_8U && picture.depth() != CV_16U)) {
     throw InputError(where, "", "red, green, blue and alpha", fmt::format("{} channels", picture.channels()),
                      "The mask is the picture's alpha channel.");
@@ -50,12 +59,7 @@ cv::Mat undistorted(const cv::Mat& picture, const Camera& camera) {
 Image load_image(const Capture& capture, const std::string& split, std::size_t camera, int frame, int width) {
   const Camera& view = capture.cameras.at(camera);
   const std::filesystem::path path = image_path(capture, split, camera, frame);
-  cv::Mat picture = read_bgra(path);
-  if (picture.cols != view.width || picture.rows != view.height) {
-    throw InputError(path.string(), "size",
-                     fmt::format("{}x{}, as camera '{}' in cameras.json", view.width, view.height, view.name),
-                     fmt::format("{}x{}", picture.cols, picture.rows));
-  }
+  cv::Mat picture = read_bgra(path, view);
   if (width < 0 || width > view.width) {
     throw InputError(path.string(), "size", fmt::format("1 to {} columns to be asked for", view.width),
                      fmt::format("{}", width), "Pictures are reduced, never enlarged.");
@@ -72,11 +76,10 @@ PixelMask load_border(const Capture& capture, const std::string& split, std::siz
   const Camera& view = capture.cameras.at(camera);
   const std::filesystem::path path = capture.path / "borders" / split / view.name / image_path(capture, split, camera, frame).filename();
   if (!std::filesystem::is_regular_file(path)) return {};
-  const cv::Mat picture = read_picture_file(path, /*png_only=*/true);
-  if (picture.type() != CV_8UC1 || picture.cols != view.width || picture.rows != view.height) {
-    throw InputError(path.string(), "size", fmt::format("{}x{}, one channel of 8 bits", view.width, view.height),
-                     fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()));
-  }
+  const PictureFile file(path, /*png_only=*/true);
+  check_size(file, view, path.string());
+  const cv::Mat picture = file.decoded();
+  if (picture.type() != CV_8UC1) throw InputError(path.string(), "", "one channel of 8 bits", fmt::format("{} channels", picture.channels()));
   cv::Mat marked;
   cv::Mat(picture != 0).convertTo(marked, CV_32F);
   if (view.distorted()) {

@@ -9,7 +9,7 @@
 namespace arah {
 namespace {
 
-constexpr std::size_t kMostBytes = 16'000'000;
+constexpr std::size_t kMostBytes = 4'000'000;  // a hundred cameras take a hundred thousand
 
 std::string_view trimmed(std::string_view text) {
   const std::size_t first = text.find_first_not_of(" \t\r");

@@ -67,23 +67,22 @@ cv::Size checked_size(std::string_view bytes, const std::string& where, bool png
 
 }  // namespace
 
-cv::Mat read_picture_file(const std::filesystem::path& path, bool png_only) {
-  const std::string where = path.string();
-  std::vector<char> bytes = bytes_of(path);
-  const cv::Size size = checked_size({bytes.data(), bytes.size()}, where, png_only);
+PictureFile::PictureFile(const std::filesystem::path& path, bool png_only)
+    : where_(path.string()), bytes_(bytes_of(path)), size_(checked_size({bytes_.data(), bytes_.size()}, where_, png_only)) {}
+
+cv::Mat PictureFile::decoded() const {
   cv::Mat picture;
   try {
-    picture = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8U, bytes.data()), cv::IMREAD_UNCHANGED);
+    picture = cv::imdecode(cv::Mat(1, static_cast<int>(bytes_.size()), CV_8U, const_cast<char*>(bytes_.data())), cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
-    throw InputError(where, "", "a picture", "one that cannot be decoded: " + error.err);
+    throw InputError(where_, "", "a picture", "one that cannot be decoded: " + error.err);
   }
-  if (picture.empty() || picture.size() != size) throw InputError(where, "", "a picture", "one that cannot be decoded");
+  if (picture.empty() || picture.size() != size_) throw InputError(where_, "", "a picture", "one that cannot be decoded");
   return picture;
 }
 
-cv::Size picture_file_size(const std::filesystem::path& path) {
-  const std::vector<char> bytes = bytes_of(path);
-  return checked_size({bytes.data(), bytes.size()}, path.string(), false);
-}
+cv::Mat read_picture_file(const std::filesystem::path& path, bool png_only) { return PictureFile(path, png_only).decoded(); }
+
+cv::Size picture_file_size(const std::filesystem::path& path) { return PictureFile(path).size(); }
 
 }  // namespace arah

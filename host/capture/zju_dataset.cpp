@@ -15,6 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kMillimetres = 1e-3;
+constexpr std::size_t kMostPictures = 300'000;
 constexpr int kH36mWidth = 1000, kH36mHeight = 1002;  // of the pictures that the intrinsics are for
 
 std::optional<int> whole_number(std::string_view text) {
@@ -103,9 +104,13 @@ Dataset read_annotated(const fs::path& folder) {
 
   Dataset dataset;
   std::map<std::string, std::size_t> cameras;
+  std::size_t pictures = 0;
   for (const PythonValue* entry : frames) {
     const std::vector<std::string> images = python_texts(python_member(*entry, "ims", where, "ims"), where, "ims ims");
     if (images.empty()) throw InputError(where, "ims", "a picture for each camera", "none");
+    // Frames may share one list.
+    pictures += images.size();
+    if (pictures > kMostPictures) throw InputError(where, "ims", fmt::format("at most {} pictures", kMostPictures), "more");
     if (cameras.empty()) {
       for (const std::string& image : images) {
         Camera camera;

@@ -323,12 +323,12 @@ std::string ablation_text(const AblationTable& table) {
 std::string ablation_page(const AblationTable& table, const Capture& capture, const Device& device) {
   const std::vector<FigureColumn> columns = figure_columns(table);
   std::string page = page_start("Ablations");
-  page += fmt::format("<p class=\"quiet\">{} on {} ({}), arah {}.</p>\n<div class=\"scroll\"><table><tr><th class=\"left\">variant</th><th class=\"left\">what it is</th>",
+  page += fmt::format("<p class=\"quiet\">{} on {} ({}), arah {}.</p>\n<div class=\"scroll\"><table class=\"wide\"><tr><th class=\"left\">variant</th><th class=\"left words\">what it is</th>",
                       escape_html(capture.path.filename().string()), escape_html(device.report().name), escape_html(device.report().driver), kVersion);
   for (const FigureColumn& column : columns) page += "<th>" + escape_html(column.title) + "</th>";
   page += "</tr>\n";
   for (const AblationRow& row : table.rows) {
-    page += fmt::format("<tr><td class=\"left\">{}</td><td class=\"left\">{}</td>", escape_html(row.name), escape_html(row.shows));
+    page += fmt::format("<tr><td class=\"left\">{}</td><td class=\"left words\">{}</td>", escape_html(row.name), escape_html(row.shows));
     for (const FigureColumn& column : columns) {
       const std::string text = figure_text(column, row, "–");
       page += is_best(column, table, row) ? "<td><b>" + text + "</b></td>" : "<td>" + text + "</td>";

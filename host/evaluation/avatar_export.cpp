@@ -82,24 +82,33 @@ void bind(SkinnedModel& model, const Avatar& avatar, const SurfaceMesh& mesh, co
   }
 }
 
-// What the frames' shapes differ by from the first one's.
+// What the frames' shapes differ by from the first one's. Weights are 0 to 1, a component that goes both ways two targets: sliders of
+// modelling programs begin at 0, and Blender's importer (3.4) widens them by the first key's weight alone and clamps the others.
 void add_correctives(SkinnedModel& model, MeshExtraction& extraction, const SurfaceMesh& mesh, const std::vector<ExportedFrame>& frames, std::size_t most, ModelReport& report) {
   std::vector<Pose> poses;
   std::vector<std::size_t> rows;
   for (const ExportedFrame& frame : frames) poses.push_back(frame.pose), rows.push_back(frame.latent_row);
-  ShapeCorrectives found = shape_correctives(extraction, mesh, poses, rows, most);
-  for (const std::vector<double>& displacement : found.displacements) {
-    model.correctives.push_back({fmt::format("shape_{}", model.correctives.size()), {}, {}});
-    std::vector<glm::dvec3> moved(model.vertices.begin(), model.vertices.end());
-    for (std::size_t v = 0; v < displacement.size(); ++v) {
-      model.correctives.back().offsets.emplace_back(displacement[v] * mesh.normals()[v]);
-      moved[v] += displacement[v] * mesh.normals()[v];
+  const ShapeCorrectives found = shape_correctives(extraction, mesh, poses, rows, most);
+  if (!found.displacements.empty()) model.corrective_weights.resize(frames.size());
+  for (std::size_t k = 0; k < found.displacements.size(); ++k) {
+    const std::vector<double>& displacement = found.displacements[k];
+    for (const double sign : {1.0, -1.0}) {
+      const auto weight = [&](std::size_t frame) { return std::max(0.0f, static_cast<float>(sign) * found.weights[frame][k]); };
+      bool used = false;
+      for (std::size_t f = 0; f < frames.size(); ++f) used = used || weight(f) > 0.0f;
+      if (!used) continue;
+      model.correctives.push_back({fmt::format("shape_{}{}", k, sign > 0 ? "" : "_back"), {}, {}});
+      std::vector<glm::dvec3> moved(model.vertices.begin(), model.vertices.end());
+      for (std::size_t v = 0; v < displacement.size(); ++v) {
+        model.correctives.back().offsets.emplace_back(sign * displacement[v] * mesh.normals()[v]);
+        moved[v] += sign * displacement[v] * mesh.normals()[v];
+      }
+      // With a weight of 1; glTF adds normals' changes in proportion to the weight and programs make the sum a unit vector.
+      const std::vector<glm::dvec3> normals = vertex_normals(moved, model.triangles);
+      for (std::size_t v = 0; v < normals.size(); ++v) model.correctives.back().normal_offsets.emplace_back(glm::vec3(normals[v]) - model.normals[v]);
+      for (std::size_t f = 0; f < frames.size(); ++f) model.corrective_weights[f].push_back(weight(f));
     }
-    // With a weight of 1; glTF adds normals' changes in proportion to the weight and programs make the sum a unit vector.
-    const std::vector<glm::dvec3> normals = vertex_normals(moved, model.triangles);
-    for (std::size_t v = 0; v < normals.size(); ++v) model.correctives.back().normal_offsets.emplace_back(glm::vec3(normals[v]) - model.normals[v]);
   }
-  if (!found.displacements.empty()) model.corrective_weights = std::move(found.weights);
   report.correctives = model.correctives.size();
   report.mean_left = found.mean_left;
   report.most_left = found.most_left;

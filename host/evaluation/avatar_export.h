@@ -27,7 +27,7 @@ struct ModelSettings {
   bool animated = false;  // with the frames as its animation; else the first one only decides code and pose
   // Vertices move to where rendering shows the outline (MeshExtraction::outlines).
   bool outlined = false;
-  std::size_t most_correctives = 8;  // morph targets of an animation, where the shape follows the frames
+  std::size_t most_correctives = 8;  // components of an animation's morph targets, where the shape follows the frames; one or two targets each
   bool z_up = false;      // the frames' world; the file's is y-up
   double frames_per_second = 25;
 };

@@ -11,6 +11,7 @@
 #include <random>
 #include <thread>
 
+#include "host/body/json_fields.h"
 #include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
 #include "kernels/linear/cooperative.h"
@@ -404,7 +405,7 @@ std::vector<std::pair<std::string, double>> timed_lines(const nlohmann::ordered_
 std::string bench_comparison(const std::string& old_json, const std::string& old_name, const std::string& new_json) {
   std::vector<std::pair<std::string, double>> before;
   try {
-    before = timed_lines(nlohmann::ordered_json::parse(old_json));
+    before = timed_lines(parse_json<nlohmann::ordered_json>(old_json, old_name));
   } catch (const nlohmann::json::exception&) {
     throw InputError(old_name, "", "a file that arah bench --json wrote", "something else");
   }

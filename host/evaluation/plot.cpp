@@ -18,7 +18,8 @@ constexpr double kRight = 30;
 constexpr double kTop = 34;
 constexpr double kBottom = 46;
 // The legend stands below the plot.
-constexpr std::size_t kLegendColumns = 3;
+constexpr std::size_t kMostLegendColumns = 3;
+constexpr double kLetter = 7.8;  // width of a letter, as wide as the usual fonts have it at 13 units
 constexpr double kLegendRow = 18;
 // A line of more points than this is drawn without dots: they would hide it.
 constexpr std::size_t kMostDots = 120;
@@ -55,6 +56,15 @@ std::string tick_text(double value, double step) {
 const char* plot_colour(std::size_t index) {
   return kColours[index % kColours.size()];
 }
+
+namespace {
+
+// Of a UTF-8 text: bytes that begin one.
+std::ptrdiff_t letters(const std::string& text) {
+  return std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; });
+}
+
+}  // namespace
 
 std::string escape_html(std::string_view text) {
   std::string out;
@@ -109,9 +119,11 @@ std::string to_svg(const Plot& plot) {
     return kHeight - kBottom - (y - y_axis.low) / (y_axis.high - y_axis.low) * (kHeight - kTop - kBottom);
   };
 
-  // One series is named by the title and the axis.
-  const std::size_t legend_rows =
-      plot.series.size() > 1 ? (plot.series.size() + kLegendColumns - 1) / kLegendColumns : 0;
+  // As many columns as leave room for the longest name. One series is named by the title and the axis.
+  std::ptrdiff_t longest = 1;
+  for (const PlotSeries& series : plot.series) longest = std::max(longest, letters(series.label));
+  const std::size_t legend_columns = std::clamp<std::size_t>(static_cast<std::size_t>((kWidth - kLeft) / (kLetter * static_cast<double>(longest) + 24)), 1, kMostLegendColumns);
+  const std::size_t legend_rows = plot.series.size() > 1 ? (plot.series.size() + legend_columns - 1) / legend_columns : 0;
   std::string svg;
   auto out = std::back_inserter(svg);
   fmt::format_to(out,
@@ -172,8 +184,8 @@ std::string to_svg(const Plot& plot) {
       }
     }
     if (legend_rows > 0) {
-      const double x = kLeft + static_cast<double>(s % kLegendColumns) * (kWidth - kLeft) / kLegendColumns;
-      const double y = kHeight + 6 + kLegendRow * static_cast<double>(s / kLegendColumns);
+      const double x = kLeft + static_cast<double>(s % legend_columns) * (kWidth - kLeft) / static_cast<double>(legend_columns);
+      const double y = kHeight + 6 + kLegendRow * static_cast<double>(s / legend_columns);
       fmt::format_to(
           out, "<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"4\" fill=\"{}\"/><text x=\"{:.1f}\" y=\"{:.1f}\">{}</text>\n",
           x, y, colour, x + 9, y + 4, escape_html(series.label));

@@ -31,8 +31,12 @@ p{margin:.4em 0}
 .scroll{overflow-x:auto;-webkit-overflow-scrolling:touch}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 th,td{padding:6px 12px;text-align:right;border-bottom:1px solid var(--line);white-space:nowrap}
-th{font-weight:600;color:var(--quiet)}
+th{font-weight:600;color:var(--quiet);vertical-align:bottom}
+.facts th{vertical-align:top}
 .left{text-align:left}
+.wide th,.wide .words{white-space:normal}
+.wide th,.wide td{padding:6px 8px}
+.wide .words{min-width:11em}
 .fact{text-align:left;white-space:normal;overflow-wrap:anywhere}
 .shot,.plot{margin:0 0 16px}
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(520px,100%),1fr));gap:0 16px}
@@ -43,7 +47,7 @@ th{font-weight:600;color:var(--quiet)}
 figure{margin:0}
 figure img{display:block;width:100%;height:auto;border-radius:6px;background:#000;image-rendering:auto}
 figcaption{font-size:.85rem;color:var(--quiet);margin-top:4px;text-align:center}
-@media(max-width:480px){.pictures{grid-template-columns:1fr 1fr}th,td{padding:6px 8px}}
+@media(max-width:480px){.pictures{grid-template-columns:1fr 1fr}th,td{padding:6px 8px}.facts th{white-space:normal;min-width:8em}}
 )";
 
 std::string base64(std::span<const std::uint8_t> bytes) {
@@ -199,9 +203,11 @@ Plot psnr_plot(const Report& report) {
   Plot plot{"PSNR over frames", "frame", "PSNR (dB)", {}, true};
   std::vector<std::pair<std::string, std::string>> lines;
   for (const ReportRow& row : report.rows) add_once(lines, std::make_pair(row.split, row.camera));
+  const bool several = std::any_of(lines.begin(), lines.end(), [&](const auto& line) { return line.first != lines[0].first; });
   for (const auto& [split, camera] : lines) {
     PlotSeries series;
-    series.label = camera + (camera.empty() || split.empty() ? "" : ", ") + split;
+    series.label = camera;
+    if (several || camera.empty()) series.label += (camera.empty() || split.empty() ? "" : ", ") + split;
     for (const ReportRow& row : report.rows) {
       if (row.split != split || row.camera != camera) continue;
       series.points.push_back(

@@ -5,10 +5,10 @@
 
 #include <cmath>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <stdexcept>
 
+#include "host/capture/picture_file.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -24,8 +24,8 @@ constexpr std::array<Codec, 2> mp4_codecs{{{{'a', 'v', 'c', '1'}, "H.264"}, {{'m
 
 // Blue first, over the background, of an even size.
 cv::Mat over_background(const fs::path& path, const cv::Scalar& background) {
-  const cv::Mat picture = fs::exists(path) ? cv::imread(path.string(), cv::IMREAD_UNCHANGED) : cv::Mat();
-  if (picture.empty() || picture.depth() != CV_8U || picture.channels() < 3) throw InputError(path.string(), "", "a PNG of 8 bits in colour", picture.empty() ? "none that can be read" : "another kind");
+  const cv::Mat picture = read_picture_file(path, /*png_only=*/true);
+  if (picture.depth() != CV_8U || picture.channels() < 3) throw InputError(path.string(), "", "a PNG of 8 bits in colour", "another kind");
   const int channels = picture.channels();
   cv::Mat frame((picture.rows + 1) / 2 * 2, (picture.cols + 1) / 2 * 2, CV_8UC3, background);
   for (int y = 0; y < picture.rows; ++y) {

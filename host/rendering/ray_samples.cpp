@@ -25,18 +25,6 @@ double half_bin(const RayBox& box) {
 
 }  // namespace
 
-const char* to_string(SamplingMode mode) {
-  switch (mode) {
-    case SamplingMode::shell: return "shell";
-    case SamplingMode::surface: return "surface";
-    case SamplingMode::surface_only: return "surface_only";
-    case SamplingMode::uniform: return "uniform";
-  }
-  return "shell";
-}
-
-const char* to_string(SurfaceSource source) { return source == SurfaceSource::mesh ? "mesh" : "search"; }
-
 RayCamera ray_camera(const Camera& camera) {
   RayCamera result;
   const glm::dvec3 center = camera.center();

@@ -22,16 +22,6 @@
 
 namespace arah {
 
-const char* to_string(Correspondence correspondence) {
-  switch (correspondence) {
-    case Correspondence::search: return "search";
-    case Correspondence::search_from_grid: return "search_from_grid";
-    case Correspondence::grid: return "grid";
-    case Correspondence::grid_alone: return "grid_alone";
-  }
-  return "search";
-}
-
 PointRootFinder::PointRootFinder(Device& device, AvatarNetworks& networks, uint32_t capacity, const RootFindingSettings& most)
     : device_(device), networks_(networks), capacity_(padded_points(capacity)) {
   const uint64_t vec4_bytes = uint64_t(capacity_) * 16;

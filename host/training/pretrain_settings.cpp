@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "host/body/json_fields.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -90,7 +91,7 @@ std::string pretrain_settings_to_json(const PretrainSettings& settings) {
 }
 
 PretrainSettings pretrain_settings_from_json(const std::string& text, const std::string& where) {
-  auto object = nlohmann::ordered_json::parse(text, nullptr, false);
+  auto object = parse_json<nlohmann::ordered_json>(text, where);
   if (!object.is_object()) throw InputError(where, "", "a JSON object of pre-training settings", "something else");
   PretrainSettings settings;
   const auto known = nlohmann::ordered_json::parse(pretrain_settings_to_json(settings));

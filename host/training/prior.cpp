@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <span>
 
+#include "host/body/json_fields.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -164,7 +165,8 @@ Prior read_prior(const std::filesystem::path& path) {
   prior.spec = spec_from_json(prior_text(prior.file, "spec"), where + ": spec");
   prior.settings = pretrain_settings_from_json(prior_text(prior.file, "settings"), where + ": settings");
   prior.family = prior_text(prior.file, "family");
-  const auto joints = nlohmann::json::parse(prior_text(prior.file, "joints"), nullptr, false);
+  if (!parse_json(prior.family, where, "metadata family").is_object()) throw InputError(where, "metadata family", "an object", "something else");
+  const auto joints = parse_json(prior_text(prior.file, "joints"), where, "metadata joints");
   try {
     prior.joint_names = joints.at("names").get<std::vector<std::string>>();
     prior.joint_parents = joints.at("parents").get<std::vector<int>>();

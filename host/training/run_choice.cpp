@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "host/avatar/spec_choice.h"
+#include "host/body/json_fields.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -40,8 +41,11 @@ std::string with_field(const std::string& text, const std::string& assignment, c
     place = &(*place)[part];
     from = to + 1;
   }
-  const auto parsed = nlohmann::ordered_json::parse(value, nullptr, false);
-  *place = parsed.is_discarded() ? nlohmann::ordered_json(value) : parsed;
+  try {
+    *place = parse_json<nlohmann::ordered_json>(value, option, name);
+  } catch (const InputError&) {
+    *place = value;  // a word
+  }
   return json.dump();
 }
 

@@ -222,16 +222,38 @@ std::optional<SafetensorsFile> RunFolder::newest_checkpoint() const {
                    "Remove them to begin again from the template.");
 }
 
+namespace {
+
+// What a line of events.jsonl says; null where it is cut off or no JSON.
+nlohmann::json event_of(const std::string& line) {
+  try {
+    const nlohmann::json json = parse_json(line, "events.jsonl");
+    return json.is_object() ? json : nlohmann::json();
+  } catch (const InputError&) {
+    return {};
+  }
+}
+
+double number_of(const nlohmann::json& event, const char* name) {
+  const auto found = event.find(name);
+  return found != event.end() && found->is_number() ? found->get<double>() : 0.0;
+}
+uint64_t count_of(const nlohmann::json& event, const char* name) {
+  const auto found = event.find(name);
+  return found != event.end() && found->is_number_unsigned() ? found->get<uint64_t>() : 0;
+}
+
+}  // namespace
+
 std::optional<RunEnd> run_end(const RunFolder& folder) {
   std::optional<RunEnd> end;
   std::ifstream file(folder.events_file());
   for (std::string line; std::getline(file, line);) {
-    const auto json = nlohmann::json::parse(line, nullptr, false);
+    const nlohmann::json json = event_of(line);
     if (!json.is_object()) continue;
     const nlohmann::json event = json.value("event", nlohmann::json());
     if (event == "start") end.reset();
-    if (event == "end")
-      end = RunEnd{json.value("step", uint64_t{0}), json.value("seconds", 0.0), 0, json.value("stopped", true), json.value("most_memory", uint64_t{0})};
+    if (event == "end") end = RunEnd{count_of(json, "step"), number_of(json, "seconds"), 0, json.value("stopped", nlohmann::json(true)) != false, count_of(json, "most_memory")};
   }
   if (!end) return end;
   const std::vector<LoggedStep> steps = logged_steps(folder);
@@ -244,13 +266,9 @@ std::vector<LoggedStep> logged_steps(const RunFolder& folder) {
   std::vector<LoggedStep> steps;
   std::ifstream file(folder.events_file());
   for (std::string line; std::getline(file, line);) {
-    const auto json = nlohmann::json::parse(line, nullptr, false);
+    const nlohmann::json json = event_of(line);
     if (!json.is_object() || json.value("event", nlohmann::json()) != "step") continue;
-    const auto number = [&](const char* name) {
-      const auto found = json.find(name);
-      return found != json.end() && found->is_number() ? found->get<double>() : 0.0;
-    };
-    steps.push_back({static_cast<uint64_t>(number("step")), number("seconds"), number("color"), number("total")});
+    steps.push_back({count_of(json, "step"), number_of(json, "seconds"), number_of(json, "color"), number_of(json, "total")});
   }
   return steps;
 }

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <set>
 
+#include "host/body/json_fields.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -245,7 +246,7 @@ std::string settings_to_json(const TrainingSettings& settings) {
 }
 
 TrainingSettings settings_from_json(const std::string& text, const std::string& where) {
-  const json object = json::parse(text, nullptr, false);
+  const json object = parse_json(text, where);
   if (!object.is_object()) throw InputError(where, "", "a JSON object of training settings", "something else");
   TrainingSettings settings;
   const Reader reader{object, where, ""};

@@ -10,6 +10,7 @@
 #include <limits>
 #include <random>
 
+#include "tests/host/body/hostile_json.h"
 #include "tests/host/body/rigs.h"
 
 namespace arah {
@@ -144,6 +145,11 @@ TEST(AvatarFile, RefusesWhatIsSpoilt) {
       {metadata("spec", "{}"), {"spec", "preset"}},
       {without("settings"), {"settings"}},
       {metadata("settings", "rays=3"), {"settings", "JSON"}},
+      {metadata("settings", "[3]"), {"settings", "an object", "[3]"}},
+      {metadata("settings", nested_objects(10'000)), {"settings", "nested at most 64 deep"}},
+      {metadata("cube", nested_lists(10'000)), {"cube", "nested at most 64 deep"}},
+      {metadata("grid", nested_lists(10'000)), {"grid", "nested at most 64 deep"}},
+      {metadata("spec", nested_lists(10'000)), {"spec", "nested at most 64 deep"}},
       {metadata("seed", "-1"), {"seed", "'-1'"}},
       {metadata("seed", "18446744073709551616"), {"seed", "2^64"}},
       {metadata("steps", ""), {"steps"}},

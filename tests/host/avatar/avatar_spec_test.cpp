@@ -11,6 +11,7 @@
 
 #include "host/input_error.h"
 #include "host/version.h"
+#include "tests/host/body/hostile_json.h"
 #include "tests/host/body/rigs.h"
 
 namespace arah {
@@ -109,6 +110,13 @@ TEST(AvatarSpec, PartialJsonChangesOnlyWhatItStates) {
   EXPECT_EQ(spec_from_json(before.dump(), "file"), preset_spec("paper"));
 }
 
+TEST(AvatarSpec, RefusesDepth) {
+  for (const std::string& deep : {nested_lists(10'000), nested_objects(10'000), "{\"preset\":" + nested_lists(1'000'000) + "}"}) {
+    expect_input_error([&] { spec_from_json(deep, "file"); }, {"file", "nested at most 64 deep"});
+    expect_input_error([&] { spec_with_json(preset_spec("tiny"), deep, "file"); }, {"file", "nested at most 64 deep"});
+  }
+}
+
 TEST(AvatarSpec, RefusalsNameTheField) {
   const AvatarSpec base = preset_spec("tiny");
   const std::vector<std::pair<std::string, std::vector<std::string>>> cases{
@@ -154,9 +162,10 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"preset": "a b"})", {"preset", "letters"}},
       {R"({"preset": null})", {"preset", "a text"}},
   };
-  for (const auto& [text, parts] : cases) {
+  for (const auto& entry : cases) {
+    const std::string& text = entry.first;
     SCOPED_TRACE(text);
-    std::vector<std::string> all = parts;
+    std::vector<std::string> all = entry.second;
     all.push_back("avatar.safetensors: spec");
     expect_input_error([&] { spec_with_json(base, text, "avatar.safetensors: spec"); }, all);
   }

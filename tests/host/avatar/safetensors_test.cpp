@@ -12,6 +12,8 @@
 #include <random>
 
 #include "host/input_error.h"
+#include "tests/host/body/hostile_json.h"
+#include "tests/host/body/memory_of_refusal.h"
 #include "tests/golden.h"
 
 namespace arah {
@@ -163,6 +165,15 @@ TEST_F(Safetensors, NamesWhatIsWrong) {
     EXPECT_THAT(refusal(), HasSubstr(row.says)) << row.header;
     EXPECT_THAT(refusal(), HasSubstr(path_.string())) << row.header;
   }
+  for (const std::string& deep : {nested_lists(10'000), nested_objects(10'000), "{\"a\":" + nested_lists(1'000'000) + "}"}) {
+    put(length(deep.size()) + deep);
+    EXPECT_THAT(refusal(), HasSubstr("nested at most 64 deep"));
+  }
+  {
+    const std::string many = list_of("[]", 30'000'000);  // 90 MB that would take 2.5 GB
+    put(length(many.size()) + many);
+  }
+  EXPECT_LT(memory_of_refusal([&] { read_safetensors(path_); }), kMostMemoryOfRefusal);
   put(length(~uint64_t{0}) + "{}");
   EXPECT_THAT(refusal(), HasSubstr("header length"));
   fs::remove(path_);

@@ -14,7 +14,7 @@ namespace arah::python {
 template <typename Number>
 std::string raw(const std::vector<Number>& values) {
   std::string bytes(values.size() * sizeof(Number), '\0');
-  std::memcpy(bytes.data(), values.data(), bytes.size());
+  if (!values.empty()) std::memcpy(bytes.data(), values.data(), bytes.size());
   return bytes;
 }
 inline std::string little(std::uint64_t value, int bytes) {

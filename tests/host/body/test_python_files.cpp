@@ -1,14 +1,11 @@
 // What Python's users store comes in as numbers, texts, lists, dictionaries and arrays; everything else, and everything
 // damaged or hostile, is an error that names the file, and costs little memory.
 #include <fmt/format.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-
-#include <functional>
 
 #include "host/body/npy.h"
 #include "host/body/npz.h"
 #include "host/body/pickle.h"
+#include "tests/host/body/memory_of_refusal.h"
 #include "tests/host/body/python_files.h"
 #include "tests/host/body/python_pickles.h"
 #include "tests/host/body/rigs.h"
@@ -184,34 +181,13 @@ TEST(Pickle, RefusesCyclesAndDepth) {
   EXPECT_EQ(python_items(*parse_pickle(file, "a").root, 2, "a", "").size(), 2u);
 }
 
-// Peak memory of `action` in a process of its own, bytes. The action must throw an InputError.
-std::uint64_t memory_of_refusal(const std::function<void()>& action) {
-  const pid_t child = ::fork();
-  if (child == 0) {
-    int code = 1;
-    try {
-      action();
-    } catch (const InputError&) {
-      code = 0;
-    } catch (...) {
-    }
-    ::_exit(code);
-  }
-  int status = 0;
-  rusage usage{};
-  ::wait4(child, &status, 0, &usage);
-  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << "no InputError";
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
-}
-
 TEST(Pickle, BombsStayUnderHalfAGigabyte) {
-  constexpr std::uint64_t kMost = 512'000'000;
   const TemporaryFolder folder;
   const auto expect_small = [&](const std::string& title, const std::string& value) {
     const auto path = folder.write("bomb.pkl", python::pickle(value));
     const std::uint64_t bytes = memory_of_refusal([&] { read_pickle(path); });
     std::printf("  %-28s %4.0f MB\n", title.c_str(), 1e-6 * static_cast<double>(bytes));
-    EXPECT_LT(bytes, kMost) << title;
+    EXPECT_LT(bytes, kMostMemoryOfRefusal) << title;
   };
   const auto repeated = [&](const std::string& start, const std::string& instruction, int times) {
     std::string all = start;
@@ -281,7 +257,7 @@ TEST(Npz, RefusesDamageAndBombs) {
   const auto refuse_file = [&](const std::string& content, const std::string& part) {
     const auto path = folder.write("bomb.npz", content);
     expect_input_error([&] { NpzFile(path).read("a"); }, {"bomb.npz", part});
-    EXPECT_LT(memory_of_refusal([&] { NpzFile(path).read("a"); }), 512'000'000u);
+    EXPECT_LT(memory_of_refusal([&] { NpzFile(path).read("a"); }), kMostMemoryOfRefusal);
   };
   const auto refuse = [&](const std::vector<python::Member>& members, const std::string& part) { refuse_file(python::zip(members), part); };
   // The zeros themselves are gone when the memory is measured.

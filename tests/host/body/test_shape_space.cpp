@@ -8,6 +8,7 @@
 #include "host/body/canonical.h"
 #include "host/body/pose.h"
 #include "tests/host/body/glb_parts.h"
+#include "tests/host/body/glb_reader.h"
 #include "tests/host/body/rigs.h"
 
 namespace arah {
@@ -100,6 +101,19 @@ TEST(ShapeSpace, ReadsBackWhatItWroteBitForBit) {
   EXPECT_EQ(back.skeleton.rest_joints, body.skeleton.rest_joints);
   EXPECT_EQ(body_template_glb(back), body_template_glb(body));
   EXPECT_EQ(Parts(body).head["meshes"][0]["weights"], (nlohmann::json{0.1, -1.0 / 7}));
+}
+
+// Targets, their weights and the extras are what other programs open too.
+TEST(ShapeSpace, SatisfiesTheKhronosValidator) {
+  const TemporaryFolder folder;
+  Parts parts = with_targets(3);
+  parts.head["meshes"][0]["weights"] = {0.5, -2};
+  write_body_template(folder / "shaped.glb", read(parts));
+  const auto report = khronos_report(folder / "shaped.glb");
+  if (!report) GTEST_SKIP() << "neither gltf_validator nor node's package gltf-validator is installed";
+  EXPECT_EQ((*report)["issues"]["numErrors"], 0) << (*report)["issues"].dump(1);
+  EXPECT_EQ((*report)["issues"]["numWarnings"], 0) << (*report)["issues"].dump(1);
+  EXPECT_EQ((*report)["info"]["hasMorphTargets"], true);
 }
 
 TEST(ShapeSpace, TurnsAndScalesDisplacementsWithTheArmature) {

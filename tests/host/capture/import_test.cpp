@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host/body/smpl_file.h"
+#include "tests/host/body/memory_of_refusal.h"
 #include "tests/host/body/small_smpl.h"
 #include "tests/host/capture/made_up_sequence.h"
 
@@ -315,6 +316,24 @@ TEST(Import, RefusesWhatIsWrongAndLeavesNothing) {
   EXPECT_TRUE(fs::exists(made.root / "capture/thesis.tex"));
 }
 
+// A million frames that share one list of a thousand pictures: a file of 2 MB.
+TEST(Import, SharedListsAreNoBomb) {
+  const TemporaryFolder folder;
+  for (const char* name : {"mask", "params"}) std::filesystem::create_directory(folder / name);
+  {
+    std::string images = "](", frames = "](";
+    for (int i = 0; i < 1000; ++i) images += python::text(fmt::format("camera_{}/000000.jpg", i));
+    for (int i = 0; i < 1'000'000; ++i) frames += "h\1";
+    std::vector<std::string> squares, triples, fives;
+    for (int i = 0; i < 1000; ++i) squares.push_back("h\2"), triples.push_back("h\3"), fives.push_back("h\4");
+    const std::string shared = python::dictionary({{"ims", images + "e"}}) + "q\1" "0" + python::array({9}, {1, 0, 0, 0, 1, 0, 0, 0, 1}) + "q\2" "0" + python::array({3}, {0, 0, 0}) + "q\3" "0" + python::array({5}, {0, 0, 0, 0, 0}) + "q\4" "0";
+    const std::string cams = python::dictionary({{"K", python::list(squares)}, {"R", python::list(squares)}, {"T", python::list(triples)}, {"D", python::list(fives)}});
+    folder.write("annots.npy", python::npy("|O", {}, python::pickle(shared + python::dictionary({{"cams", cams}, {"ims", frames + "e"}}))));
+  }
+  EXPECT_LT(memory_of_refusal([&] { read_h36m(folder.path()); }), kMostMemoryOfRefusal);
+  expect_input_error([&] { read_h36m(folder.path()); }, {"annots.npy: ims", "at most 300000 pictures"});
+}
+
 TEST(Import, ResizesHuman36mToItsIntrinsics) {
   const MadeUpSequence made("Posing");
   ImportSettings settings = settings_for(made);
@@ -421,7 +440,8 @@ TEST(Import, RefusesWhatEasyMocapWouldNotWrite) {
   refuse("output-smpl-3d/smpl/000001.json", EasyMocapFolder::fit_json(made.fits[1], 1), "\"Th\":[[0.1", "\"Tx\":[[0.1", {"000001.json", "Th"});
   refuse("output-smpl-3d/smpl/000001.json", EasyMocapFolder::fit_json(made.fits[1], 1), "[", "", {"000001.json", "JSON"});
   refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '['), "[", "[", {"000001.json", "JSON"});
-  refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '[') + std::string(10'000, ']'), "[", "[", {"000001.json", "a fit for each"});
+  refuse("output-smpl-3d/smpl/000001.json", std::string(10'000, '[') + std::string(10'000, ']'), "[", "[", {"000001.json", "nested at most 64 deep"});
+  refuse("output-smpl-3d/smpl/000001.json", std::string(50, '[') + std::string(50, ']'), "[", "[", {"000001.json", "a fit for each"});
 }
 
 // The same subject in both layouts. Pictures went through JPEG and masks lost their soft edges on the way; all else is equal.

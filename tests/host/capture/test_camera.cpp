@@ -2,6 +2,8 @@
 #include <glm/matrix.hpp>
 #include <nlohmann/json.hpp>
 
+#include "tests/host/body/hostile_json.h"
+#include "tests/host/body/memory_of_refusal.h"
 #include "tests/host/capture/small_capture.h"
 
 namespace arah {
@@ -121,6 +123,14 @@ TEST(Cameras, NameTheCameraThatIsWrong) {
     cases[i].first(&changed["cameras"][1]);
     const std::filesystem::path path = folder.write("bad.json", changed.dump());
     expect_input_error([&] { read_cameras(path); }, cases[i].second);
+  }
+  // Nested ten thousand deep, where nothing reads it and where a number is expected.
+  for (const std::string& deep : {nested_lists(10'000), nested_objects(10'000)}) {
+    for (const std::string& text : {deep, "{\"cameras\":" + deep + "}", "{\"cameras\":[{\"name\":\"a\",\"width\":" + deep + "}]}"}) {
+      const std::filesystem::path path = folder.write("deep.json", text);
+      expect_input_error([&] { read_cameras(path); }, {"deep.json", "nested at most 64 deep"});
+      EXPECT_LT(memory_of_refusal([&] { read_cameras(path); }), kMostMemoryOfRefusal);
+    }
   }
   expect_input_error([&] { read_cameras(folder.write("none.json", R"({"cameras": []})")); }, {"at least one camera"});
   expect_input_error([&] { read_cameras(folder / "absent.json"); }, {"absent.json", "none that can be opened"});

@@ -1,6 +1,9 @@
 #include <cmath>
+#include <zlib.h>
 
 #include "host/capture/inspect.h"
+#include "tests/host/body/memory_of_refusal.h"
+#include "tests/host/body/python_files.h"
 #include "tests/host/capture/small_capture.h"
 
 namespace arah {
@@ -147,6 +150,40 @@ TEST(LoadImage, NamesTheFileThatCannotServe) {
   expect_input_error(load, {name, "40x30", "'left'", "41x30"});
   made.folder.write("images/train/left/000003.png", whole);
   EXPECT_EQ(load_image(capture, "train", 0, 3).width, 40);
+}
+
+// A PNG's chunk with its checksum.
+std::string png_chunk(const std::string& kind, const std::string& content) {
+  const std::string checked = kind + content;
+  const uLong sum = ::crc32(0, reinterpret_cast<const Bytef*>(checked.data()), static_cast<uInt>(checked.size()));
+  const std::string length = python::little(content.size(), 4), checksum = python::little(sum, 4);
+  return std::string(length.rbegin(), length.rend()) + checked + std::string(checksum.rbegin(), checksum.rend());
+}
+// All whole but for the rows, of which there are none.
+std::string png_claiming(std::uint32_t width, std::uint32_t height) {
+  const std::string w = python::little(width, 4), h = python::little(height, 4);
+  return std::string("\x89PNG\r\n\x1a\n") + png_chunk("IHDR", std::string(w.rbegin(), w.rend()) + std::string(h.rbegin(), h.rend()) + std::string("\x08\x06\0\0\0", 5)) +
+         png_chunk("IDAT", "\x78\x9c\x03" + std::string(1, '\0') + std::string("\0\0\0\1", 4)) + png_chunk("IEND", "");
+}
+
+TEST(LoadImage, HostilePicturesCostLittle) {
+  const SmallCapture made;
+  const Capture capture = open_capture(made.folder.path());
+  const auto refuse = [&](const std::string& content, const std::string& part) {
+    made.folder.write("images/train/left/000003.png", content);
+    expect_input_error([&] { load_image(capture, "train", 0, 3); }, {"left/000003.png", part});
+    EXPECT_LT(memory_of_refusal([&] { load_image(capture, "train", 0, 3); }), kMostMemoryOfRefusal) << part;
+  };
+  refuse(png_claiming(100'000, 100'000), "expected 1 to 8192 pixels each way, found 100000x100000");
+  refuse(png_claiming(4'294'967'295, 1), "1 to 8192 pixels each way");
+  refuse(png_claiming(0, 0), "1 to 8192 pixels each way");
+  refuse(png_claiming(8192, 8192), "expected 40x30");  // before a pixel is asked for
+  refuse(png_claiming(40, 30), "left/000003.png");
+  // A second header behind the first, larger one.
+  const std::string small = png_claiming(40, 30), large = png_claiming(30'000, 30'000);
+  refuse(small.substr(0, 33) + large.substr(8), "left/000003.png");
+  std::filesystem::resize_file(made.picture_path("left", 3), 300'000'000);
+  expect_input_error([&] { load_image(capture, "train", 0, 3); }, {"left/000003.png", "bytes", "300000000"});
 }
 
 TEST(Inspect, TellsAGoodCaptureFromABadOne) {

@@ -5,7 +5,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "host/input_error.h"
+#include "host/training/pretrain_settings.h"
+#include "tests/host/body/hostile_json.h"
+#include "tests/host/body/rigs.h"
 
 namespace arah {
 namespace {
@@ -21,6 +23,15 @@ void fill_with_new_values(json& object, int& next) {
     else if (value.is_string()) value = "word" + std::to_string(next);
     else if (value.is_number_float()) value = next + 0.5;  // a float holds it exactly
     else value = next;
+  }
+}
+
+TEST(TrainingSettingsTest, RefusesDepth) {
+  std::string inside = settings_to_json(TrainingSettings{});
+  inside.replace(inside.rfind('}'), 1, ",\"more\":" + nested_lists(10'000) + "}");
+  for (const std::string& deep : {nested_lists(10'000), nested_objects(10'000), inside}) {
+    expect_input_error([&] { settings_from_json(deep, "file"); }, {"file", "nested at most 64 deep"});
+    expect_input_error([&] { pretrain_settings_from_json(deep, "file"); }, {"file", "nested at most 64 deep"});
   }
 }
 
