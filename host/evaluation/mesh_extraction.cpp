@@ -31,6 +31,7 @@ double laplace_density(double f, double b) { return f > 0 ? 0.5 / b * std::exp(-
 MeshExtraction::MeshExtraction(Device& device, const Avatar& avatar, const MeshSettings& settings)
     : device_(device), avatar_(avatar), commands_(device), networks_(device, avatar, false), body_(device, avatar.body), field_(device, networks_, distances_at_a_time, 1, {.capacity = point_padding}, false), settings_(settings), baked_(device, avatar, std::ldexp(settings.cell, halvings_from(least_rough_cell, settings.cell))) {
   require_surface(avatar.spec, "meshes of the surface");
+  commands_.stage("meshing");
 }
 
 const SurfaceMesh& MeshExtraction::mesh(const Pose& pose, std::size_t latent_row) {

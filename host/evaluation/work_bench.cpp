@@ -45,7 +45,7 @@ class TemporaryFolder {
 // The stages as they follow each other; a step and a picture have those that they launch.
 const std::vector<std::string>& stage_order() {
   static const std::vector<std::string> order{"weights", "rays", "sphere tracing", "joint search", "correspondence search", "distances", "shading", "compositing",
-                                              "losses", "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "optimiser"};
+                                              "losses", "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "optimiser", "meshing"};
   return order;
 }
 
@@ -138,7 +138,11 @@ class Works {
     picture("picture, paper", "64 samples around surfaces, with normals", rich, "paper");
     picture("picture, balanced", "32 samples in the shell, correspondences and distances from grids", plain, "balanced");
     picture("picture, fast", "20 samples in the shell, correspondences and distances from grids, one colour a ray", plain, "fast");
-    picture("picture, three starts", "as the first, each correspondence searched from three starts", rich, "paper", 3);
+    picture("picture, three starts", "as the first, each correspondence searched from three starts", rich, "paper", [](RootFindingSettings& root) { root.initialisations = 3; });
+    picture("picture, rescued roots", "as the first, each correspondence searched by two steps of Broyden's method and, where that does not do, by damped Newton", rich, "paper", [](RootFindingSettings& root) {
+      root.max_iterations = 2;
+      root.rescue_steps = 10;
+    });
     AvatarSpec simple = preset_spec("tiny");
     simple.skinning = {Skinning::template_weights, 0, 0};
     picture("picture, template weights", "64 samples around surfaces, no skinning network", fitted(simple, papers), "paper");
@@ -175,10 +179,10 @@ class Works {
     benches_.push_back(measure_work(device_, name, description, warm_up, timed, profiled, [&] { trainer.step(left--); }));
   }
 
-  void picture(const std::string& name, const std::string& description, const Avatar& avatar, const std::string& preset, uint32_t initialisations = 1) {
+  void picture(const std::string& name, const std::string& description, const Avatar& avatar, const std::string& preset, const std::function<void(RootFindingSettings&)>& change = {}) {
     start(name);
     RenderSettings render = render_preset(avatar, preset);
-    render.sampling->root.initialisations = initialisations;
+    if (change) change(render.sampling->root);
     render.normals = preset == "paper";
     Renderer renderer(device_, avatar, render);
     const Camera camera = capture_.cameras[0].scaled(settings_.picture_size);
