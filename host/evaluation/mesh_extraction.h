@@ -43,6 +43,10 @@ class MeshExtraction {
   double outline() const { return settings_.outline; }  // metres
   std::vector<glm::vec3> colors(std::span<const glm::vec3> points, std::span<const glm::vec3> normals, std::span<const glm::mat4> transforms);
 
+  // Of the pose and code of the last mesh().
+  AvatarNetworks& networks() { return networks_; }
+  FrameOnDevice& frame() { return *frame_; }
+
   // Of the last mesh that was made: metres that having fewer triangles moved it by, and points that the network was asked for.
   double simplification_error() const { return simplification_error_; }
   uint64_t evaluated() const { return evaluated_; }

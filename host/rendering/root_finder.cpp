@@ -86,6 +86,14 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
   found_late(rescue_->counts.newton + rescue_->counts.restarted, before);
 }
 
+void PointRootFinder::solve_from_bone(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings, uint32_t rank) {
+  if (points > capacity_ || !bone_segments_.bytes()) throw std::invalid_argument(fmt::format("root search of {} points from a bone in room for {}", points, bone_segments_.bytes() ? capacity_ : 0));
+  RootFindingSettings alone = settings;
+  alone.correspondence = Correspondence::search;
+  commands.stage("correspondence search");
+  search(commands, frame, points, targets, canonical, alone, rank);
+}
+
 // Points that count as not found since `before` have been found after all.
 void PointRootFinder::found_late(uint64_t points, const RootFindingCounts& before) {
   const uint64_t of_exhausted = std::min(points, counts_.exhausted - before.exhausted);

@@ -59,6 +59,11 @@ class PointRootFinder {
   // room for, or a rescue that there is no room for. The frame's grid is read where it has one and the settings want it (correspondence_grid.h).
   void solve(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical,
              const RootFindingSettings& settings);
+  // The same from what the bone of that rank, nearest first, alone would make of each target; without a rescue. Only with a
+  // skinning network and room for several initialisations: std::invalid_argument else.
+  void solve_from_bone(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings, uint32_t rank);
+  // Of the last search, vec4 by point: BroydenState::status(), whatever a rescue found after it. Only with a skinning network.
+  BufferSlice states() const { return state_.status(); }
   uint32_t capacity() const { return capacity_; }
   bool searches() const { return networks_.spec().skinning.kind == Skinning::network; }  // there is a skinning network, and its inverse has to be searched
   // Skinning::backward: the targets of the last solve, as long as its caller keeps them.

@@ -1,5 +1,6 @@
 // From nothing to figures, as a user goes: synth, inspect, train, interrupt, resume, render, evaluate; and what the
 // program says when something is wrong with the call.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -274,6 +275,50 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
 // What a program holds beside its buffers, as the help of --memory says: itself, the driver with its compiler, the template's
 // samples, pictures.
 constexpr uint64_t kBesideBuffers = 450ull << 20;
+
+TEST_F(Stories, PosesThatBreakAnAvatarAreShown) {
+  const Outcome trained = arah(training("posed", {"--steps", "2"}));
+  ASSERT_EQ(trained.code, 0) << trained.errors;
+  const Outcome plain = arah({"inspect", at("posed")});
+  ASSERT_EQ(plain.code, 0) << plain.errors;
+  EXPECT_THAT(plain.output, testing::AllOf(HasSubstr("2 steps trained"), HasSubstr("density scale b: "), Not(HasSubstr("singular"))));
+  const Outcome inspected = arah({"inspect", at("posed"), "--capture", capture(), "--count", "2", "--cell", "0.03", "--samples", "600", "--size", "96", "-o", at("conditioning")});
+  ASSERT_EQ(inspected.code, 0) << inspected.errors;
+  EXPECT_THAT(inspected.output, AllOf(testing::StartsWith(plain.output), HasSubstr("conditioning.html")));
+  const std::string page = read_all(at("conditioning/conditioning.html"));
+  std::size_t pictures = 0;
+  for (std::size_t from = 0; (from = page.find("data:image/png;base64,", from)) != std::string::npos; ++from) ++pictures;
+  EXPECT_EQ(pictures, 4u) << "before the person and behind, of two poses";
+  const auto found = nlohmann::json::parse(read_all(at("conditioning/conditioning.json")));
+  EXPECT_GT(found["b"].get<double>(), 0);
+  ASSERT_EQ(found["poses"].size(), 2u);
+  for (const auto& pose : found["poses"]) {
+    const auto& surface = pose["surface"];
+    const auto& shell = pose["shell"];
+    EXPECT_EQ(shell["samples"].get<int>(), shell["found"].get<int>() + shell["refused"].get<int>() + shell["diverged"].get<int>() + shell["exhausted"].get<int>());
+    const std::string line = fmt::format("frame {}: least singular value {:.3f} (median {:.2f}), {:.2f} % of the surface below 0.1, {:.2f} % folded", pose["frame"].get<int>(), surface["least_singular_value"].get<double>(),
+                                         surface["median_least_singular_value"].get<double>(), 100 * surface["nearly_singular_share"].get<double>(), 100 * surface["folded_share"].get<double>());
+    EXPECT_THAT(inspected.output, HasSubstr(line));
+    EXPECT_THAT(page, HasSubstr(line));
+    EXPECT_THAT(page, HasSubstr(fmt::format("<tr><td>{}</td><td>{:.3f}</td><td>{:.3f}</td><td>{:.2f} %</td>", pose["frame"].get<int>(), surface["least_singular_value"].get<double>(), surface["median_least_singular_value"].get<double>(), 100 * surface["nearly_singular_share"].get<double>())));
+  }
+  // One camera's picture of one frame, in its size; and calls that make no sense.
+  const int number = found["poses"][1]["frame"].get<int>();
+  const Outcome one = arah({"inspect", at("posed/avatar.safetensors"), "--capture", capture(), "--frame", std::to_string(number), "--cell", "0.03", "--samples", "600"});
+  ASSERT_EQ(one.code, 0) << one.errors;
+  EXPECT_THAT(one.output, AllOf(HasSubstr(fmt::format("frame {}: least", number)), Not(HasSubstr(".html"))));
+  const auto refused = [](const std::vector<std::string>& words, const std::vector<std::string>& parts) {
+    const Outcome outcome = arah(words);
+    EXPECT_EQ(outcome.code, 2) << outcome.errors;
+    for (const std::string& part : parts) EXPECT_THAT(outcome.errors, HasSubstr(part));
+    EXPECT_FALSE(fs::exists(at("refused"))) << "what a refused call left behind";
+  };
+  refused({"inspect", at("posed"), "--frame", "0"}, {"--frame", "--capture or --motion"});
+  refused({"inspect", at("posed"), "-o", at("refused")}, {"--out", "--capture or --motion"});
+  refused({"inspect", capture(), "--capture", capture(), "-o", at("refused")}, {"--capture", "an avatar"});
+  refused({"inspect", at("posed"), "--capture", capture(), "--frame", "9999", "-o", at("refused")}, {"frame", "9999"});
+  refused({"inspect", at("posed"), "--capture", capture(), "--camera", "none", "-o", at("refused")}, {"none"});
+}
 
 TEST_F(Stories, MemoryStaysBelowItsCeiling) {
   const uint64_t ceiling = 100ull << 20;
