@@ -11,6 +11,7 @@
 #include "host/evaluation/capture_page.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
+#include "host/training/bad_values.h"
 
 namespace arah {
 namespace {
@@ -40,7 +41,7 @@ void add_inspect_command(CLI::App& program, Run& run) {
       program.add_subcommand("inspect", "Say what a capture, motion, template or avatar holds, and what looks wrong");
   command
       ->add_option("PATH", options->path,
-                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl, .glb, .gltf) or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors)")
+                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl, .glb, .gltf) or cameras.json, a template (.glb, .gltf), an avatar (.safetensors) or the failure_*.safetensors of a training that stopped on bad values")
       ->required();
   command->add_option("--preset", options->preset, "sizes that the choice of an avatar's parts starts from")
       ->check(CLI::IsMember(preset_names()))
@@ -68,7 +69,9 @@ void add_inspect_command(CLI::App& program, Run& run) {
       } else if (!options->out.empty()) {
         throw InputError("--out", "", "a capture's folder to draw", "'" + options->path.string() + "'");
       } else if (options->path.extension() == ".safetensors") {
-        report = describe(load_avatar(options->path));
+        const SafetensorsFile file = read_safetensors(options->path);
+        if (const auto bad = bad_values_of(file)) report = bad_values_report(*bad);
+        report += describe(avatar_from_tensors(file));
       } else {
         report = inspect(options->path);
       }

@@ -56,6 +56,7 @@ class Trainer {
 
   const TrainingSettings& settings() const { return settings_; }
   uint64_t steps_done() const { return steps_; }
+  uint64_t steps_skipped() const { return skipped_; }  // of them, because of bad values
   uint32_t passes() const { return (settings_.rays + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
   double done() const { return done_; }
 
