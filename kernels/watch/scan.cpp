@@ -18,9 +18,9 @@ void record_watch(Commands& commands, const WatchArgs& args) {
   launch.pipeline = &commands.device().pipeline("watch/scan", {texels, masked, indexed});
   launch.name = std::string("watch, ") + args.name;
   launch.groups = {padded / point_padding, 1, 1};
-  launch.bindings = {{args.values.slice, uint64_t(args.rows) * args.values.stride * 4}, {}, {}, {args.record, sizeof(shared::WatchRecord)}};
-  if (masked) launch.bindings[1] = {args.points, args.rows * 16ull};
-  if (indexed) launch.bindings[2] = {args.row_ids, args.rows * 4ull};
+  // What is not there is not read; the values stand in for it.
+  const Binding values{args.values.slice, uint64_t(args.rows) * args.values.stride * 4};
+  launch.bindings = {values, masked ? Binding{args.points, args.rows * 16ull} : values, indexed ? Binding{args.row_ids, args.rows * 4ull} : values, {args.record, sizeof(shared::WatchRecord)}};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof(constants);
   launch.after_previous = args.after_previous;
