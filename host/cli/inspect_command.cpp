@@ -16,6 +16,7 @@
 #include "host/evaluation/conditioning_page.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
+#include "host/training/bad_values.h"
 
 namespace arah {
 namespace {
@@ -106,11 +107,15 @@ std::string examine_poses(const InspectOptions& options, const std::filesystem::
 }
 
 std::string inspect_avatar(const InspectOptions& options) {
-  const std::filesystem::path file = avatar_file(options.path);
-  const Avatar avatar = load_avatar(file);
-  if (options.names_poses()) return describe(avatar) + examine_poses(options, file, avatar);
+  const std::filesystem::path path = avatar_file(options.path);
+  const SafetensorsFile file = read_safetensors(path);
+  const Avatar avatar = avatar_from_tensors(file);
+  std::string report;
+  if (const auto bad = bad_values_of(file)) report = bad_values_report(*bad);
+  report += describe(avatar);
+  if (options.names_poses()) return report + examine_poses(options, path, avatar);
   if (!options.out.empty()) throw InputError("--out", "", "poses of the avatar to look at: --capture or --motion with it", "neither");
-  return describe(avatar);
+  return report;
 }
 
 }  // namespace
@@ -121,7 +126,7 @@ void add_inspect_command(CLI::App& program, Run& run) {
       program.add_subcommand("inspect", "Say what a capture, motion, template or avatar holds, and what looks wrong");
   command
       ->add_option("PATH", options->path,
-                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl, .glb, .gltf) or cameras.json, a template (.glb, .gltf) or an avatar (.safetensors, or the folder of its run)")
+                   "a capture's folder, a motion (.json, .bvh, .npz, .pkl, .glb, .gltf) or cameras.json, a template (.glb, .gltf), an avatar (.safetensors, or the folder of its run) or the failure_*.safetensors of a training that stopped on bad values")
       ->required();
   command->add_option("--preset", options->preset, "sizes that the choice of an avatar's parts starts from")
       ->check(CLI::IsMember(preset_names()))

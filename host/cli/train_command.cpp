@@ -113,6 +113,9 @@ void add_train_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(0.01, 1e6));
   command->add_flag("--resume", options->run.resume,
                     "go on from the newest checkpoint; with more --steps or --minutes also beyond the end");
+  command->add_option("--from", options->run.from, "with --resume: go on from this checkpoint of the run, or repeat the step of its failure_*.safetensors, instead of the newest checkpoint")
+      ->check(CLI::ExistingFile)
+      ->needs("--resume");
   command->add_option("--stop-at", options->run.stop_at, "stop at this step as Ctrl-C would, for --resume to go on")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
   add_device_option(*command, options->device);
@@ -120,6 +123,8 @@ void add_train_command(CLI::App& program, Run& run) {
   command->add_flag("--profile", options->device.profile, "time every launch on the device and print the table");
   command->footer(
       "Ctrl-C stops after the current step, with a checkpoint and the avatar (exit code 1).\n"
+      "A number of a step that is NaN, infinite or out of its range stops training and leaves failure_*.safetensors in the run's folder;\n"
+      "with --set on_bad_value=skip such steps are left out and counted.\n"
       "Example: arah train capture -o run --preset tiny --size 256 --minutes 10");
   command->callback([options, &run] {
     options->run.started = std::chrono::steady_clock::now();

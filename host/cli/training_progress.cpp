@@ -58,6 +58,9 @@ void TrainingProgress::show(const RunEvent& event) {
                      fmt::format("step {}{}  loss {:.4f}  colour {:.4f}", last_.step, rate, last_.total, last_.color));
       break;
     }
+    case RunEvent::Kind::skipped:
+      steps_->say(fmt::format("{}; the step was skipped, {} so far", describe(*event.step.bad), event.step.skipped));
+      break;
     case RunEvent::Kind::checkpoint:
       steps_->say(fmt::format("checkpoint of step {} written", event.step.step));
       break;
@@ -66,7 +69,7 @@ void TrainingProgress::show(const RunEvent& event) {
 
 void TrainingProgress::finish(const RunResult& result) {
   if (steps_)
-    steps_->finish(fmt::format("{} steps  loss {:.4f}  {}  {}", result.steps, last_.total, shaders_text(device_), result.avatar.string()));
+    steps_->finish(fmt::format("{} steps{}  loss {:.4f}  {}  {}", result.steps, result.skipped ? fmt::format(", of which {} were skipped for bad values", result.skipped) : "", last_.total, shaders_text(device_), result.avatar.string()));
   if (!result.poses.empty()) fmt::print(stderr, "{}\n", result.poses);
 }
 

@@ -45,7 +45,7 @@ class TemporaryFolder {
 // The stages as they follow each other; a step and a picture have those that they launch.
 const std::vector<std::string>& stage_order() {
   static const std::vector<std::string> order{"weights", "rays", "sphere tracing", "joint search", "correspondence search", "distances", "shading", "compositing",
-                                              "losses", "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "optimiser", "meshing"};
+                                              "losses", "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "watch", "optimiser", "meshing"};
   return order;
 }
 

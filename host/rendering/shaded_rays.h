@@ -40,6 +40,7 @@ class ShadedRays {
 
   // What the way back reads, in training: the composited samples, and the field with the rows that it was evaluated at.
   const CompositeSamples& composited() const { return composited_; }
+  BufferSlice weights() { return weights_.slice(); }                // float by sample: of compositing
   BufferSlice transmittances() { return transmittances_.slice(); }  // float by sample
   Field& field() { return field_; }
   const Field::Inputs& inputs() const { return inputs_; }

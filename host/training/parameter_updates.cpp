@@ -3,8 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
-#include <stdexcept>
 
 #include "kernels/optimizer/clip_scale.h"
 #include "kernels/optimizer/sum_of_squares.h"
@@ -33,6 +33,27 @@ ParameterUpdates::ParameterUpdates(Device& device, AvatarNetworks& networks, con
 }
 
 void ParameterUpdates::start(const std::vector<float>& parameters) { device_.upload(averages_.slice(), parameters); }
+
+void ParameterUpdates::record_norms(Commands& commands, bool skinning) {
+  for (size_t g = 0; g < groups_.size(); ++g) {
+    Group& group = groups_[g];
+    // The grid's sums are integers, to which no contribution that is not finite is added.
+    group.watched = group.begin != group.end && group.name != "grid" && (group.name != "skinning" || skinning);
+    if (!group.watched) continue;
+    uint32_t partials = 0;
+    if (group.name == "hyper_last") {
+      for (const AvatarNetworks::LastGradient& part : networks_.hyper_last_gradients(settings_.frames_per_step)) {
+        record_outer_norm(commands, part.product, squares_.slice(), partials);
+        partials += outer_partials(settings_.frames_per_step);
+      }
+    } else {
+      const uint64_t count = group.end - group.begin;
+      record_sum_of_squares(commands, {networks_.gradients().elements(group.begin, count), squares_.slice(), 0});
+      partials = squares_partials(count);
+    }
+    record_clip_scale(commands, {partials, squares_.slice(), static_cast<float>(group.settings->max_norm), norms_.slice(), static_cast<uint32_t>(g)});
+  }
+}
 
 void ParameterUpdates::record(Commands& commands, uint64_t step, double done, bool skinning) {
   for (size_t g = 0; g < groups_.size(); ++g) {
@@ -65,10 +86,6 @@ void ParameterUpdates::record_group(Commands& commands, Group& group, size_t ind
   const bool grid = group.name == "grid";
   const uint64_t count = group.end - group.begin;
   const BufferSlice gradients = grid ? grid_sums_.slice().elements(0, count) : networks_.gradients().elements(group.begin, count);
-  if (!grid) {
-    record_sum_of_squares(commands, {gradients, squares_.slice(), 0});
-    record_clip_scale(commands, {squares_partials(count), squares_.slice(), static_cast<float>(group.settings->max_norm), norms_.slice(), static_cast<uint32_t>(index)});
-  }
   if (factor == 0) {
     if (grid) commands.fill(grid_sums_.slice(), 0);
     return;
@@ -84,27 +101,69 @@ void ParameterUpdates::record_group(Commands& commands, Group& group, size_t ind
 }
 
 void ParameterUpdates::record_hyper_last(Commands& commands, Group& group, size_t index, double factor) {
-  const uint32_t frames = settings_.frames_per_step;
-  const std::vector<AvatarNetworks::LastGradient> parts = networks_.hyper_last_gradients(frames);
-  uint32_t partials = 0;
-  for (const AvatarNetworks::LastGradient& part : parts) {
-    record_outer_norm(commands, part.product, squares_.slice(), partials);
-    partials += outer_partials(frames);
-  }
-  record_clip_scale(commands, {partials, squares_.slice(), static_cast<float>(group.settings->max_norm), norms_.slice(), static_cast<uint32_t>(index)});
   if (factor == 0) return;
-  for (const AvatarNetworks::LastGradient& part : parts) {
+  for (const AvatarNetworks::LastGradient& part : networks_.hyper_last_gradients(settings_.frames_per_step)) {
     AdamArgs adam = adam_args(group, index, factor, part.slot.offset, (part.slot.count + kSlotAlignment - 1) / kSlotAlignment * kSlotAlignment);
     adam.outer = part.product;
     record_adam(commands, adam);
   }
 }
 
-void ParameterUpdates::check(uint64_t step) {
+std::optional<BadTensor> ParameterUpdates::first_bad(const std::vector<float>& values, uint64_t first, double limit) const {
+  BadTensor bad;
+  bad.limit = limit;
+  const ParameterLayout& layout = networks_.layout();
+  for (const TensorSlot& slot : layout.slots) {
+    if (slot.offset < first || slot.offset + slot.count > first + values.size()) continue;
+    for (uint64_t i = 0; i < slot.count; ++i) {
+      const float value = values[slot.offset - first + i];
+      if (std::isfinite(value) && !(limit > 0 && std::abs(value) > limit)) continue;
+      bad.nan += std::isnan(value);
+      bad.infinite += std::isinf(value);
+      bad.beyond += std::isfinite(value);
+      if (!bad.place.empty()) continue;
+      const auto group = std::find_if(layout.groups.begin(), layout.groups.end(), [&](const ParameterGroup& g) { return slot.offset >= g.begin && slot.offset < g.end; });
+      bad.index = i;
+      bad.place = fmt::format("number {} of tensor '{}' of {} in group '{}'", i, slot.name, fmt::join(slot.shape, " x "), group->name);
+    }
+  }
+  if (bad.place.empty()) return std::nullopt;
+  return bad;
+}
+
+std::vector<BadTensor> ParameterUpdates::bad_gradients() {
   const auto norms = device_.download<shared::GradientNorm>(norms_.slice().sub(0, groups_.size() * sizeof(shared::GradientNorm)));
-  for (size_t g = 0; g < groups_.size(); ++g)
-    if (norms[g].nonfinite)
-      throw std::runtime_error(fmt::format("training step {}: {} numbers of the gradient of '{}' are NaN or infinite", step, norms[g].nonfinite, groups_[g].name));
+  std::vector<BadTensor> found;
+  for (size_t g = 0; g < groups_.size(); ++g) {
+    const Group& group = groups_[g];
+    if (!group.watched || norms[g].usable) continue;
+    BadTensor bad;
+    if (group.name == "hyper_last") {  // outer products that are nowhere written out
+      bad.infinite = norms[g].nonfinite;
+      bad.place = fmt::format("a product of two vectors of the hypernetwork, in group '{}'", group.name);
+    } else {
+      const uint64_t count = group.end - group.begin;
+      // Where finite numbers have a norm whose square is not, one of 10⁸ is beyond this.
+      bad = first_bad(device_.download<float>(networks_.gradients().elements(group.begin, count)), group.begin, norms[g].nonfinite ? 0 : 1e15).value_or(bad);
+    }
+    bad.stage = "optimiser";
+    bad.tensor = fmt::format("gradient of '{}'", group.name);
+    found.push_back(bad);
+  }
+  return found;
+}
+
+std::vector<BadTensor> ParameterUpdates::bad_state() {
+  const uint64_t floats = networks_.layout().floats;
+  std::vector<BadTensor> found;
+  for (const auto& [name, slice] : {std::pair{"parameters", networks_.parameters()}, {"averaged parameters", averages_.slice()}, {"first moments", first_moments_.slice()}, {"second moments", second_moments_.slice()}}) {
+    std::optional<BadTensor> bad = first_bad(device_.download<float>(slice.elements(0, floats)), 0, 0);
+    if (!bad) continue;
+    bad->stage = "weights";
+    bad->tensor = name;
+    found.push_back(*bad);
+  }
+  return found;
 }
 
 double ParameterUpdates::sdf_norm() { return device_.download<shared::GradientNorm>(norms_.slice().sub(0, sizeof(shared::GradientNorm)))[0].norm; }

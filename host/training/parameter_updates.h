@@ -1,11 +1,13 @@
 // The optimiser of a training: Adam's moments, the averaged weights that render, and each group's step of its own rate.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "host/avatar/safetensors.h"
 #include "host/rendering/avatar_networks.h"
+#include "host/training/bad_values.h"
 #include "host/training/training_settings.h"
 #include "kernels/optimizer/adam.h"
 
@@ -18,11 +20,17 @@ class ParameterUpdates {
 
   // Where the averages begin.
   void start(const std::vector<float>& parameters);
-  // From the networks' gradients, the grid's sums and, of hyper_last, the outer products of the step's frames. step, done: as
-  // rate_factor takes them. skinning: whether the skinning network has gradients.
+  // Norms of the networks' gradients and, of hyper_last, of the outer products of the step's frames. skinning: whether the
+  // skinning network has gradients.
+  void record_norms(Commands& commands, bool skinning);
+  // After that has run: the groups whose gradient is not finite, or so large that the square of its norm is not.
+  std::vector<BadTensor> bad_gradients();
+  // What of the state itself is not finite: parameters, moments and averages, the first bad tensor of each.
+  std::vector<BadTensor> bad_state();
+  // The step, from these gradients, after their norms, and the grid's sums. step, done: as rate_factor takes them.
   void record(Commands& commands, uint64_t step, double done, bool skinning);
-  // After submission. Throws std::runtime_error naming the step and the group whose gradient was not finite; it was left as it was.
-  void check(uint64_t step);
+  // Instead of the step: nothing is changed.
+  void record_skip(Commands& commands) { commands.fill(grid_sums_.slice(), 0); }
   double sdf_norm();  // of the sdf group's last gradient, before clipping; after submission
 
   BufferSlice averages() { return averages_.slice(); }
@@ -41,10 +49,13 @@ class ParameterUpdates {
     const GroupSettings* settings = nullptr;
     uint64_t begin = 0, end = 0;  // floats
     uint64_t updates = 0;         // Adam's t
+    bool watched = false;         // whether the step has a norm of its gradient
   };
   void record_group(Commands& commands, Group& group, size_t index, double factor);
   // Of the group whose gradients are outer products.
   void record_hyper_last(Commands& commands, Group& group, size_t index, double factor);
+  // What is wrong with `values`, numbers from number `first` of the layout on.
+  std::optional<BadTensor> first_bad(const std::vector<float>& values, uint64_t first, double limit) const;
   AdamArgs adam_args(const Group& group, size_t index, double factor, uint64_t first, uint64_t count);
 
   Device& device_;

@@ -137,6 +137,7 @@ void RunFolder::check_continues(const RunConfig& config) const {
   require_equal(where, "spec", spec_to_json(before.spec), spec_to_json(config.spec));
   before.settings.steps = config.settings.steps;
   before.settings.minutes = config.settings.minutes;
+  before.settings.on_bad_value = config.settings.on_bad_value;
   require_equal(where, "settings", settings_to_json(before.settings), settings_to_json(config.settings));
 }
 
@@ -203,6 +204,8 @@ fs::path RunFolder::save_checkpoint(uint64_t step, const SafetensorsFile& file) 
   for (std::size_t i = kKeptCheckpoints; i < files.size(); ++i) fs::remove(files[i]);
   return path;
 }
+
+fs::path RunFolder::failure_file(uint64_t step) const { return path_ / fmt::format("failure_{:08}{}", step, kSuffix); }
 
 std::optional<SafetensorsFile> RunFolder::newest_checkpoint() const {
   const std::vector<fs::path> files = checkpoint_files();

@@ -47,6 +47,8 @@ class RunFolder {
   std::filesystem::path avatar_file() const { return path_ / "avatar.safetensors"; }
 
   std::filesystem::path kept_file(double minutes) const;
+  // The checkpoint of before a step that was not taken because of bad values (bad_values.h).
+  std::filesystem::path failure_file(uint64_t step) const;
   // By minutes; none where none were kept.
   std::vector<KeptAvatar> kept_avatars() const;
 
@@ -54,7 +56,7 @@ class RunFolder {
   void create(const RunConfig& config);
   // Throws InputError: no such folder, no config.json, a field that is missing or wrong.
   RunConfig read_config() const;
-  // Only settings.steps, settings.minutes and the capture's place may differ from what config.json holds; throws InputError
+  // Only settings.steps, settings.minutes, settings.on_bad_value and the capture's place may differ from what config.json holds; throws InputError
   // naming the first other difference.
   void check_continues(const RunConfig& config) const;
   // Makes `config` the one of a run that goes on. Throws as check_continues(). Cuts off a line of events.jsonl that a killed

@@ -24,6 +24,11 @@ class SdfRegularisers {
   void record(Commands& commands, const BufferSlice& losses, const Slots& slots, const BufferSlice& partials, const BufferSlice& scratch);
   uint64_t scratch_floats() const;
 
+  // For the watch, after record: ∂f/∂n at the eikonal points; f at the points outside and inside, and how many rows these take.
+  Matrix eikonal_gradients() { return eikonal_tape_.gradient(); }
+  Matrix sign_distances() { return sign_tape_.sdf(); }
+  uint32_t sign_rows() const { return padded_points(settings_.off_surface_points) + settings_.inside_points; }
+
  private:
   Device& device_;
   AvatarNetworks& networks_;

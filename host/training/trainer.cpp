@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -10,6 +11,7 @@
 #include <random>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "host/avatar/avatar_file.h"
 #include "host/input_error.h"
@@ -24,6 +26,8 @@ namespace {
 
 // Slots of the losses buffer; the image and the mask loss fill two each.
 enum LossSlot : uint32_t { color_slot, alpha_slot, eikonal_slot, off_surface_slot, inside_slot, skinning_slot, parameter_slot, mask_slot, mask_alpha_slot, loss_slots };
+// As events.jsonl names them.
+constexpr std::array<const char*, loss_slots> loss_names{"color", "alpha", "eikonal", "off_surface", "inside", "skinning", "parameters", "mask", "mask_alpha"};
 
 // Nodes of a frame's grid that are searched at a time: a frame has some 20,000.
 constexpr uint32_t grid_nodes_at_a_time = 32768;
@@ -76,6 +80,7 @@ uint32_t mask_rays_of_a_pass(Device& device, const AvatarSpec& spec, const Train
 
 Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
     : updates(device, networks, settings),
+      watch(device),
       samples(device, networks, pass_rays, settings.color_sampling()),
       shaded(device, networks, pass_rays, settings.color_sampling().samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
   check_settings(settings, networks.spec(), "training");
@@ -288,7 +293,7 @@ void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
     double error = 0;
     for (size_t channel = 0; channel < 4; ++channel) error += std::abs(double{colors[4 * ray + channel]} - double{batch.targets[first + ray][channel]});
     const bool person = first + ray < batch.on_person;
-    importance_.pool(batch.number, person, person ? image.person : image.around).see(batch.drawn[first + ray], error);
+    noted_errors_.push_back({&importance_.pool(batch.number, person, person ? image.person : image.around), batch.drawn[first + ray], error});
   }
 }
 
@@ -348,6 +353,7 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   field_back.grid_sums = room_.updates.grid_sums();
   field_back.grid_clamped = room_.grid_clamped.slice();
   field.record_backward(commands_, room_.shaded.inputs(), field_back);
+  watch_pass(rays, first_of_step, field_back.position);
   commands_.stage("skinning backward");
   const Field::Inputs& at = room_.shaded.inputs();
   PoseGradient* pose = pose_step_ ? &*room_.pose_gradient : nullptr;
@@ -359,6 +365,27 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   else if (pose)
     pose->record_add_by_vertex(commands_, frame, room_.samples.root_finder(), {{at.rows, {}}, at.samples}, at.canonical, field.position_gradient());
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
+}
+
+void Trainer::watch_pass(uint32_t rays, uint32_t first_of_step, bool position) {
+  commands_.stage("watch");
+  Watch& watch = room_.watch;
+  Field& field = room_.shaded.field();
+  const Field::Inputs& at = room_.shaded.inputs();
+  const uint32_t rows = room_.samples.rows(rays), shaded = room_.shaded.queue().shaded(), first_sample = room_.samples.rows(first_of_step);
+  const BufferSlice canonical = room_.samples.canonical();
+  const auto numbers = [](const BufferSlice& slice) { return Matrix{slice, 1, 0}; };
+  const auto vectors = [](const BufferSlice& slice) { return Matrix{slice, 4, 0}; };
+  watch.record(commands_, Watched::canonical, {.values = vectors(canonical), .rows = rows, .first_row = first_sample, .points = canonical, .after_previous = true});
+  watch.record(commands_, Watched::distances, {.values = room_.shaded.composited().sdf, .rows = rows, .first_row = first_sample, .points = canonical});
+  if (networks_.spec().color.normal) watch.record(commands_, Watched::sdf_gradients, {.values = field.gradient(), .rows = shaded, .first_row = first_sample, .row_ids = at.samples});
+  watch.record(commands_, Watched::colors, {.values = field.rgb(), .rows = shaded, .first_row = first_sample, .row_ids = at.samples});
+  watch.record(commands_, Watched::weights, {.values = numbers(room_.shaded.weights()), .rows = rows, .first_row = first_sample});
+  watch.record(commands_, Watched::ray_colors, {.values = vectors(room_.shaded.colors()), .rows = rays, .first_row = first_of_step});
+  watch.record(commands_, Watched::d_ray_colors, {.values = vectors(room_.d_colors.slice()), .rows = rays, .first_row = first_of_step});
+  watch.record(commands_, Watched::d_distances, {.values = field.d_sdf(), .rows = shaded, .first_row = first_sample, .row_ids = at.samples});
+  watch.record(commands_, Watched::d_colors, {.values = field.d_rgb(), .rows = shaded, .first_row = first_sample, .row_ids = at.samples});
+  if (position) watch.record(commands_, Watched::d_canonical, {.values = vectors(field.position_gradient()), .rows = shaded, .first_row = first_sample, .row_ids = at.samples});
 }
 
 bool Trainer::of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray) { return hits.points[ray][3] <= 0 || batch.targets[ray][3] < 0.5f; }
@@ -407,11 +434,91 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
   }
   commands_.stage("regularisers");
   if (room_.regularisers) room_.regularisers->record(commands_, room_.losses.slice(), {eikonal_slot, off_surface_slot, inside_slot}, room_.partials.slice(), room_.scratch.slice());
+  if (room_.regularisers) {
+    commands_.stage("watch");
+    SdfRegularisers& of_sdf = *room_.regularisers;
+    room_.watch.record(commands_, Watched::eikonal_gradients, {.values = of_sdf.eikonal_gradients(), .rows = settings_.eikonal_points, .first_row = frame_of_step * settings_.eikonal_points, .after_previous = true});
+    room_.watch.record(commands_, Watched::sign_distances, {.values = of_sdf.sign_distances(), .rows = of_sdf.sign_rows(), .first_row = frame_of_step * of_sdf.sign_rows()});
+    commands_.stage("regularisers");
+  }
   // Of the body, not of a frame: once a step.
   if (skinning_step && frame_of_step == 0) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
   commands_.stage("weights");
   networks_.record_unpack(commands_, row, {true, skinning_step, true}, room_.scratch.slice(), frame_of_step,
                           {static_cast<float>(settings_.parameter_weight / settings_.frames_per_step), room_.losses.slice(), parameter_slot});
+}
+
+std::string Trainer::place_of(WatchedRow row, uint64_t index, const std::vector<std::vector<Batch>>& frames) const {
+  if (row == WatchedRow::point) return fmt::format("point {}", index);
+  const uint64_t samples = row == WatchedRow::sample ? settings_.color_sampling().samples : 1, of_picture = uint64_t(padded_points(settings_.rays)) * samples;
+  const uint64_t picture = index / of_picture, ray = index % of_picture / samples;
+  std::string text = row == WatchedRow::sample ? fmt::format("sample {} of ray {}", index % samples, ray) : fmt::format("ray {}", ray);
+  for (const std::vector<Batch>& batches : frames)
+    for (const Batch& batch : batches)
+      if (batch.picture == picture && ray < batch.pixels.size())
+        text += fmt::format(", column {}, row {} of camera '{}', frame {}", batch.pixels[ray] & 0xffff, batch.pixels[ray] >> 16, images_.camera(batch.place.camera).name, images_.frame_number(batch.place.frame));
+  return text;
+}
+
+BadValues Trainer::bad_values(const std::vector<std::vector<Batch>>& frames, const std::vector<float>& losses, const std::vector<PoseGradients>& pose_gradients, bool state) {
+  BadValues bad;
+  std::vector<BadTensor> later;  // than the losses
+  for (const Watch::Seen& seen : room_.watch.seen()) {
+    const WatchedTensor& tensor = description(seen.what);
+    const uint64_t index = first_place(seen.record), channel = index % tensor.channels;
+    const std::string of_row = place_of(tensor.row, index / tensor.channels, frames);
+    (seen.what < Watched::d_ray_colors ? bad.tensors : later)
+        .push_back({tensor.stage, tensor.tensor, index, tensor.channels > 1 ? fmt::format("channel {} of {}", channel, of_row) : of_row, seen.record.nan, seen.record.infinite, seen.record.beyond, tensor.limit});
+  }
+  const auto of_host = [](const char* stage, std::string tensor, const std::vector<float>& values, const auto& place) {
+    BadTensor found{stage, std::move(tensor), 0, {}, 0, 0, 0, 0};
+    for (size_t i = 0; i < values.size(); ++i) {
+      if (std::isfinite(values[i])) continue;
+      if (found.nan + found.infinite == 0) found.index = i, found.place = place(i);
+      found.nan += std::isnan(values[i]);
+      found.infinite += std::isinf(values[i]);
+    }
+    return found;
+  };
+  const auto add = [&](BadTensor found) {
+    if (found.nan + found.infinite) bad.tensors.push_back(std::move(found));
+  };
+  add(of_host("losses", "losses", losses, [](size_t i) { return fmt::format("the term '{}'", loss_names[i]); }));
+  bad.tensors.insert(bad.tensors.end(), later.begin(), later.end());
+  for (size_t f = 0; f < pose_gradients.size(); ++f) {
+    const int frame = images_.frame_number(frames[f][0].place.frame);
+    add(of_host("skinning backward", "gradients of bone transforms", pose_gradients[f].bones, [&](size_t i) { return fmt::format("row {}, column {} of joint {}, frame {}", i % 12 / 4, i % 4, i / 12, frame); }));
+    add(of_host("weights", "gradients of the pose that the SDF reads", pose_gradients[f].input, [&](size_t) { return fmt::format("frame {}", frame); }));
+  }
+  for (BadTensor& gradient : room_.updates.bad_gradients()) bad.tensors.push_back(std::move(gradient));
+  const RootFindingCounts counts = searches();
+  // A skinning network that is not finite shows in this alone where the step does not train it.
+  if (state || !bad.tensors.empty() || (counts.points > 0 && counts.converged == 0)) {
+    std::vector<BadTensor> of_state = room_.updates.bad_state();
+    bad.state = !of_state.empty();
+    bad.tensors.insert(bad.tensors.begin(), of_state.begin(), of_state.end());
+  }
+  if (counts.points) bad.searches = fmt::format("{} of {} found a root, {} went astray, {} did not come to an end", counts.converged, counts.points, counts.diverged, counts.exhausted);
+  bad.step = steps_ + 1;
+  return bad;
+}
+
+StepReport Trainer::skip(BadValues found, uint64_t steps_left) {
+  room_.updates.record_skip(commands_);
+  commands_.submit_and_wait();
+  if (settings_.on_bad_value == OnBadValue::stop || found.state || skipped_in_a_row_ == most_skipped) {
+    state_watched_ = false;
+    throw BadValueError(std::move(found));
+  }
+  skipped_ += 1;
+  skipped_in_a_row_ += 1;
+  steps_ += 1;
+  done_ += (1 - done_) / double(std::max<uint64_t>(steps_left, 1));
+  StepReport report;
+  report.step = steps_;
+  report.skipped = skipped_;
+  report.bad = std::move(found);
+  return report;
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
@@ -432,6 +539,8 @@ StepReport Trainer::step(uint64_t steps_left) {
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
+  room_.watch.record_clear(commands_);
+  noted_errors_.clear();
   room_.samples.root_finder().reset_counts();
   if (room_.mask_loss) room_.mask_loss->root_finder().reset_counts();
   shaded_samples_ = passes_done_ = 0;
@@ -447,9 +556,16 @@ StepReport Trainer::step(uint64_t steps_left) {
     pose_gradients.push_back({room_.pose_gradient->download(), networks_.download_pose_gradient(device_)});
   }
   commands_.stage("optimiser");
+  room_.updates.record_norms(commands_, skinning_step);
+  commands_.submit_and_wait();
+  const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
+  // Nothing of what training learns has changed so far, and nothing does where a number is bad: the step can be repeated.
+  if (BadValues bad = bad_values(frames, losses, pose_gradients, !std::exchange(state_watched_, true)); !bad.tensors.empty())
+    return skip(std::move(bad), steps_left);
+  skipped_in_a_row_ = 0;
+  for (const NotedError& noted : noted_errors_) noted.pool->see(noted.pixel, noted.error);
   room_.updates.record(commands_, steps_, done_, skinning_step);
   commands_.submit_and_wait();
-  room_.updates.check(steps_ + 1);  // training must not go on as if nothing were
 
   std::vector<double> of_shape(avatar_.body.shape.size(), 0.0);  // of the poses that the step saw
   for (size_t f = 0; shape_factor > 0 && f < pose_gradients.size(); ++f) {
@@ -466,8 +582,8 @@ StepReport Trainer::step(uint64_t steps_left) {
     follow_shape();
   }
 
-  const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
   StepReport report;
+  report.skipped = skipped_;
   report.color = losses[color_slot], report.alpha = losses[alpha_slot], report.eikonal = losses[eikonal_slot];
   report.off_surface = losses[off_surface_slot], report.inside = losses[inside_slot];
   if (skinning_step) last_skinning_loss_ = losses[skinning_slot] / (settings_.skinning_weight > 0 ? settings_.skinning_weight : 1);
@@ -485,7 +601,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.total += settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
                   settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning + settings_.parameter_weight * report.parameters;
   report.sdf_norm = room_.updates.sdf_norm();
-  const RootFindingCounts counts = (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts();
+  const RootFindingCounts counts = searches();
   report.shaded = double(shaded_samples_) / double(uint64_t(room_.samples.rows(settings_.rays)) * settings_.frames_per_step * settings_.pictures_per_frame);
   report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
   device_.download(room_.grid_clamped.slice().elements(0, 1), &report.grid_clamped, 4);
@@ -517,8 +633,22 @@ Avatar Trainer::avatar() {
   return result;
 }
 
-SafetensorsFile Trainer::checkpoint() {
-  SafetensorsFile file = avatar_tensors(avatar());
+SafetensorsFile Trainer::checkpoint() { return state(avatar()); }
+
+SafetensorsFile Trainer::failure(const BadValues& found) {
+  // An avatar's own tensors are finite, whatever "optimizer.*" holds, which is what training goes on from.
+  Avatar shown = avatar();
+  for (float& value : shown.parameters)
+    if (!std::isfinite(value)) value = 0;
+  float& b = shown.tensor("b")[0];
+  b = std::max(b, 1e-6f);
+  SafetensorsFile file = state(shown);
+  put_bad_values(file, found);
+  return file;
+}
+
+SafetensorsFile Trainer::state(const Avatar& shown) {
+  SafetensorsFile file = avatar_tensors(shown);
   room_.updates.save(file);
   if (!grid_parameters_.empty()) file.tensors["training.grid_parameters"] = Tensor::from<float>({static_cast<int64_t>(grid_parameters_.size())}, grid_parameters_);
   if (settings_.ray_importance > 0) importance_.save(file, images_.places().size());
@@ -535,6 +665,7 @@ SafetensorsFile Trainer::checkpoint() {
   if (room_.mask_loss) mask_sharpness_.save(file);
   file.tensors["training.done"] = Tensor::from<double>({}, std::vector<double>{done_});
   file.tensors["training.last_skinning_loss"] = Tensor::from<double>({}, std::vector<double>{last_skinning_loss_});
+  file.tensors["training.skipped"] = Tensor::from<int64_t>({}, std::vector<int64_t>{static_cast<int64_t>(skipped_)});
   return file;
 }
 
@@ -544,6 +675,9 @@ void Trainer::resume(const SafetensorsFile& file) {
   room_.updates.load(file);
   done_ = file.values<double>("training.done", {})[0];
   last_skinning_loss_ = file.values<double>("training.last_skinning_loss", {})[0];
+  skipped_ = static_cast<uint64_t>(file.values<int64_t>("training.skipped", {})[0]);
+  skipped_in_a_row_ = 0;
+  state_watched_ = false;
   steps_ = saved.steps;
   if (settings_.ray_importance > 0) importance_.load(file, images_.places().size());
   if (room_.mask_loss) mask_sharpness_.load(file);

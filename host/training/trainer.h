@@ -11,6 +11,7 @@
 #include "host/avatar/safetensors.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/training/bad_values.h"
 #include "host/training/parameter_updates.h"
 #include "host/training/pose_refinement.h"
 #include "host/training/shape_refinement.h"
@@ -22,6 +23,7 @@
 #include "host/training/template_samples.h"
 #include "host/training/training_images.h"
 #include "host/training/training_settings.h"
+#include "host/training/watch.h"
 
 namespace arah {
 
@@ -40,6 +42,8 @@ struct StepReport {
   double shaded = 0;     // share of the samples that got a colour, of all places for them
   uint32_t passes = 0;   // that its rays went in
   uint32_t grid_clamped = 0;  // contributions to the grid's gradient that its fixed-point range cut, since the start
+  uint64_t skipped = 0;           // steps not taken because of bad values, since the start of training, this one included
+  std::optional<BadValues> bad;   // why this one was not; the losses above may then mean nothing
 };
 
 class Trainer {
@@ -52,18 +56,24 @@ class Trainer {
 
   const TrainingSettings& settings() const { return settings_; }
   uint64_t steps_done() const { return steps_; }
+  uint64_t steps_skipped() const { return skipped_; }  // of them, because of bad values
   uint32_t passes() const { return (settings_.rays + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
   double done() const { return done_; }
 
   // One step. steps_left: how many are still to come, this one included: the schedule's position moves from where it is
-  // towards 1 in that many steps. Throws std::runtime_error naming the group where a gradient is not finite, and leaves the
-  // parameters as they were.
+  // towards 1 in that many steps. Where a number on the way is NaN, infinite or out of its range (watch.h), nothing that training
+  // learns is changed: throws BadValueError, or, with OnBadValue::skip, counts the step as done. Skipping ends, with the error,
+  // after most_skipped steps in a row, or where the state itself is bad, as then no step can be better.
   StepReport step(uint64_t steps_left);
+  static constexpr uint64_t most_skipped = 100;
 
   // The avatar with the averaged weights, as rendering wants it.
   Avatar avatar();
   // Everything that continuing bit for bit needs: avatar_tensors plus "optimizer.*" tensors and "training.*" metadata.
   SafetensorsFile checkpoint();
+  // After a BadValueError: the state before the step as a checkpoint, with what was found, for bad_values_of(). A trainer that takes it
+  // up fails in its first step in the same way.
+  SafetensorsFile failure(const BadValues& found);
   // Takes up a checkpoint of the same avatar. Throws InputError naming what does not fit.
   void resume(const SafetensorsFile& file);
 
@@ -84,6 +94,7 @@ class Trainer {
   struct Room {
     Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays);
     ParameterUpdates updates;
+    Watch watch;
     RaySamples samples;
     ShadedRays shaded;
     std::optional<SurfaceFinder> surface_finder;  // where samples are placed by the surface
@@ -128,6 +139,14 @@ class Trainer {
   // Of surface rendering: whether the ray misses the surface or the person, and the loss of those that do. Submits.
   static bool of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray);
   void record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step);
+  // The watch over a pass's tensors, all still in store after its way back; first_of_step: its first ray.
+  void watch_pass(uint32_t rays, uint32_t first_of_step, bool position);
+  // What was bad in the step, before anything follows from it. state: of that state too, whether it looks bad or not.
+  BadValues bad_values(const std::vector<std::vector<Batch>>& frames, const std::vector<float>& losses, const std::vector<PoseGradients>& pose_gradients, bool state);
+  std::string place_of(WatchedRow row, uint64_t index, const std::vector<std::vector<Batch>>& frames) const;
+  RootFindingCounts searches() { return (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts(); }
+  StepReport skip(BadValues found, uint64_t steps_left);
+  SafetensorsFile state(const Avatar& shown);
   // Losses and raw gradients (+=) of one frame's pictures.
   void run_frame(const std::vector<Batch>& batches, uint32_t frame_of_step, bool skinning_step);
 
@@ -153,6 +172,14 @@ class Trainer {
   double done_ = 0;
   double last_skinning_loss_ = 0;
   MaskSharpness mask_sharpness_;
+  struct NotedError {
+    PoolImportance* pool;
+    size_t pixel;
+    double error;
+  };
+  std::vector<NotedError> noted_errors_;  // of the step, to be seen where it is taken
+  bool state_watched_ = false;            // since the start or resume()
+  uint64_t skipped_ = 0, skipped_in_a_row_ = 0;
 };
 
 }  // namespace arah

@@ -94,7 +94,7 @@ class TrainingRun {
     std::optional<SafetensorsFile> saved;
     if (options_.resume) {
       folder_.reopen(config_);
-      saved = folder_.newest_checkpoint();
+      saved = options_.from.empty() ? folder_.newest_checkpoint() : read_safetensors(options_.from);
       if (saved) earlier_ = earlier_seconds(*saved);
     } else {
       folder_.create(config_);
@@ -181,7 +181,7 @@ class TrainingRun {
     } catch (const std::runtime_error&) {
       if (!stopped_) throw;
       if (!options_.resume) folder_.discard();
-      return {true, 0, seconds(), {}, {}};
+      return {true, 0, seconds(), {}, 0, {}};
     }
     log({{"event", "fit"}, {"sdf_error", event.fit.sdf_error}, {"skinning_error", event.fit.skinning_error}});
     event.kind = RunEvent::Kind::fitted;
@@ -241,6 +241,37 @@ class TrainingRun {
     log({{"event", "kept"}, {"step", trainer.steps_done()}, {"file", folder_.kept_file(last).filename().string()}});
   }
 
+  // Keeps the step that failed, and says how to look at it.
+  std::string keep_failure(Trainer& trainer, const BadValues& found) {
+    const std::filesystem::path path = folder_.failure_file(found.step);
+    try {
+      SafetensorsFile file = trainer.failure(found);
+      file.metadata[kSecondsKey] = fmt::format("{:.3f}", seconds());
+      write_safetensors(path, file);
+      log({{"event", "bad_values"}, {"step", found.step}, {"what", describe(found)}, {"file", path.filename().string()}});
+    } catch (const std::exception& error) {
+      return fmt::format("The step could not be kept: {}", error.what());
+    }
+    stepped_ = true;  // the run's folder stays
+    return fmt::format("Kept in {0}: arah inspect says what it holds, arah train --resume --from {0} repeats the step.", path.string());
+  }
+
+  StepReport step(Trainer& trainer, uint64_t left) {
+    try {
+      return trainer.step(left);
+    } catch (const BadValueError& error) {
+      throw std::runtime_error(fmt::format("{}. {}", error.what(), keep_failure(trainer, error.found())));
+    }
+  }
+
+  void tell_skipped(const StepReport& report) {
+    log({{"event", "bad_values"}, {"step", report.step}, {"what", describe(*report.bad)}, {"skipped", report.skipped}});
+    RunEvent event;
+    event.kind = RunEvent::Kind::skipped;
+    event.step = report;
+    tell(event);
+  }
+
   RunResult train(Trainer& trainer) {
     kept_until_ = earlier_;
     RunEvent ready;
@@ -256,9 +287,14 @@ class TrainingRun {
       const uint64_t left = steps_left(trainer);
       if (stopped_ || left == 0) break;
       const Clock::time_point start = Clock::now();
-      last = trainer.step(left);
+      StepReport report = step(trainer, left);
       pace_.add(seconds_since(start));
       stepped_ = true;
+      if (report.bad) {
+        tell_skipped(report);
+        continue;
+      }
+      last = report;
       if (seconds() - logged_at >= kLogInterval) {
         log(step_json(last));
         logged_at = seconds();
@@ -280,7 +316,8 @@ class TrainingRun {
     save(trainer);
     ordered_json end{{"event", "end"}, {"step", trainer.steps_done()}, {"stopped", stopped}};
     if (stepped_) end["total"] = last.total;
-    RunResult result{stopped, trainer.steps_done(), 0, folder_.avatar_file(), {}};
+    end["skipped"] = trainer.steps_skipped();
+    RunResult result{stopped, trainer.steps_done(), 0, folder_.avatar_file(), trainer.steps_skipped(), {}};
     if (settings_.pose_refinement) {
       const Avatar avatar = trainer.avatar();
       const PoseImprovement poses = pose_improvement(avatar.refined, avatar.body, capture_.body_template.skeleton, motion_of(capture_, "train"));

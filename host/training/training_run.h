@@ -16,6 +16,7 @@ struct RunOptions {
   std::filesystem::path folder;
   bool resume = false;
   std::vector<double> keep_minutes;  // of training, the start included, after which an avatar is kept (RunFolder::kept_file)
+  std::filesystem::path from;  // with resume: go on from this checkpoint, or repeat this failed step, instead of the newest checkpoint
   uint64_t stop_at = 0;  // steps done in all, at which the run stops as if asked to; 0: never
   // From when this call's share of settings.minutes counts.
   std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();
@@ -29,6 +30,7 @@ struct RunEvent {
     ready,       // the trainer stands, with its memory; a step's rays go in `passes`
     step,        // `step`
     checkpoint,  // `file`
+    skipped,     // the step `step.step` was not taken, `step.bad`; settings.on_bad_value is skip
   };
   Kind kind = Kind::fitting;
   double fraction = 0;          // done, 0..1: of the fit, else of the training
@@ -46,6 +48,7 @@ struct RunResult {
   uint64_t steps = 0;            // in all
   double seconds = 0;            // in all
   std::filesystem::path avatar;  // empty where the run was stopped in its template fit
+  uint64_t skipped = 0;          // steps not taken because of bad values, in all
   std::string poses;             // what refinement did to them, in words; empty without it
 };
 
@@ -54,7 +57,8 @@ struct RunResult {
 // step. `listen` returns false to stop: the run then leaves a checkpoint and the avatar, or, in the template fit of a
 // new run, nothing. A run of so many steps ends with the same bits whether it was interrupted and resumed or not.
 // Throws InputError where the folder does not fit (RunFolder), or the capture turns out bad; std::runtime_error where
-// training fails. What was written before stays; a new run that fails before its first step leaves nothing.
+// training fails. What was written before stays; a new run that fails before its first step leaves nothing. Where a number of a
+// step is bad (BadValueError), RunFolder::failure_file is left, and the error says so.
 RunResult run_training(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
                        const std::function<bool(const RunEvent&)>& listen = {});
 

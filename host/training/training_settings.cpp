@@ -102,6 +102,7 @@ void visit_settings(Settings& s, const Visit& visit) {
   visit("end_fraction", s.end_fraction);
   visit("average_decay", s.average_decay);
   visit("checkpoint_minutes", s.checkpoint_minutes);
+  visit("on_bad_value", s.on_bad_value);
   visit("fit_steps", s.fit_steps);
   visit("fit_skinning_steps", s.fit_skinning_steps);
   visit("fit_rate", s.fit_rate);
@@ -143,6 +144,8 @@ struct Reader {
       read_word(found->dump(), field, {SamplingMode::shell, SamplingMode::surface, SamplingMode::uniform}, value);
     } else if constexpr (std::is_same_v<T, Rendering>) {
       read_word(found->dump(), field, {Rendering::volume, Rendering::surface}, value);
+    } else if constexpr (std::is_same_v<T, OnBadValue>) {
+      read_word(found->dump(), field, {OnBadValue::stop, OnBadValue::skip}, value);
     } else if constexpr (std::is_same_v<T, Correspondence>) {
       read_word(found->dump(), field, {Correspondence::search, Correspondence::search_from_grid, Correspondence::grid, Correspondence::grid_alone}, value);
     } else {
@@ -281,6 +284,8 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
     throw InputError(where, "mask_weight, mask_alpha, mask_alpha_rate", "at least 0, above 0, at least 0", fmt::format("{}, {}, {}", settings.mask_weight, settings.mask_alpha, settings.mask_alpha_rate));
   return settings;
 }
+
+const char* to_string(OnBadValue on_bad_value) { return on_bad_value == OnBadValue::skip ? "skip" : "stop"; }
 
 const char* to_string(Rendering rendering) { return rendering == Rendering::surface ? "surface" : "volume"; }
 

@@ -16,6 +16,13 @@ enum class Rendering {
 };
 const char* to_string(Rendering rendering);
 
+// What training does where a number of a step is NaN, infinite or out of its range (watch.h).
+enum class OnBadValue {
+  stop,  // the step is not taken; training ends with an error that names the number, and a file that repeats the step
+  skip,  // the step is not taken; training goes on with the next one, and counts
+};
+const char* to_string(OnBadValue on_bad_value);
+
 // Rate of a parameter group over training: 0 for `freeze` steps, linear over `warm_up` steps, times a cosine from 1 to
 // TrainingSettings::end_fraction over the whole training.
 struct GroupSettings {
@@ -93,6 +100,7 @@ struct TrainingSettings {
   double end_fraction = 0.03;     // of each rate, at the end
   double average_decay = 0.995;   // of the moving average that renders; 0: none
   double checkpoint_minutes = 2;  // between checkpoints
+  OnBadValue on_bad_value = OnBadValue::stop;
 
   uint32_t fit_steps = 500;       // of the start: SDF to the template
   uint32_t fit_skinning_steps = 1000;

@@ -43,7 +43,7 @@ TEST(BenchStory, EveryKernelAndStageHasALine) {
   for (const auto& work : json.at("works"))
     for (const auto& stage : work.at("stages")) stages.insert(stage.at("name").get<std::string>());
   EXPECT_EQ(stages, (std::set<std::string>{"weights", "rays", "sphere tracing", "joint search", "correspondence search", "distances", "shading", "compositing", "losses",
-                                           "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "optimiser", "meshing"}));
+                                           "compositing backward", "shading backward", "skinning backward", "mask loss", "regularisers", "watch", "optimiser", "meshing"}));
 
   const Outcome wrong = Program({"bench", "--quick", "--compare", (folder / "none.json").string()}, folder.path()).wait();
   EXPECT_EQ(wrong.code, 2);
