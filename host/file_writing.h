@@ -24,16 +24,18 @@ namespace arah {
 
 // Writes `bytes` to a temporary name in the folder of `path`, flushes them to the disk and renames the file to `path`,
 // which is replaced in one step where it exists (a symbolic link is replaced, not followed). The folder must exist.
-// Throws "<path>: could not be written (<step>): <the system's reason>": InputError where the folder takes no file,
+// Throws "<path>: could not be written (<step>): <the system's reason>. <advice, for some>": InputError where the folder takes no file,
 // std::runtime_error where the disk refuses. `path` is then as it was before, and the temporary file is gone.
 inline void write_file_safely(const std::filesystem::path& path, std::span<const std::uint8_t> bytes) {
   static std::atomic<unsigned> serial{0};
   // In the same folder, because a rename is atomic only within one file system; process and serial keep writers apart.
-  const std::filesystem::path temporary =
-      path.parent_path() / fmt::format(".{}.{}.{}.part", path.filename().string().substr(0, 200), ::getpid(), serial++);
+  std::filesystem::path temporary;
   int file = -1;
   auto describe = [&](const char* step) {
-    return fmt::format("{}: could not be written ({}): {}", path.string(), step, std::strerror(errno));
+    const char* advice = "";
+    if (errno == ENOSPC || errno == EDQUOT) advice = ". Make room on that disk";
+    if (errno == EROFS || errno == EACCES || errno == EPERM) advice = ". Choose a folder that takes files";
+    return fmt::format("{}: could not be written ({}): {}{}", path.string(), step, std::strerror(errno), advice);
   };
   auto fail = [&](const char* step) {
     const std::string text = describe(step);
@@ -46,7 +48,10 @@ inline void write_file_safely(const std::filesystem::path& path, std::span<const
     errno = EISDIR;
     throw InputError(describe("create"));
   }
-  file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  do {  // in a container a process may have the very id of one that was killed there, and left its file
+    temporary = path.parent_path() / fmt::format(".{}.{}.{}.part", path.filename().string().substr(0, 200), ::getpid(), serial++);
+    file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  } while (file < 0 && errno == EEXIST);
   if (file < 0) throw InputError(describe("create"));
   for (std::size_t done = 0; done < bytes.size();) {
     const ssize_t written = ::write(file, bytes.data() + done, bytes.size() - done);

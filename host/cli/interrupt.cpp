@@ -1,7 +1,5 @@
 #include "host/cli/interrupt.h"
 
-#include <csignal>
-
 namespace arah {
 namespace {
 
@@ -9,20 +7,21 @@ volatile std::sig_atomic_t noted = 0;
 
 void note(int signal) {
   noted = 1;
-  std::signal(signal, SIG_DFL);
+  if (signal != SIGHUP) std::signal(signal, SIG_DFL);
 }
 
 }  // namespace
 
 Interrupt::Interrupt() {
   noted = 0;
-  std::signal(SIGINT, note);
-  std::signal(SIGTERM, note);
+  for (std::size_t i = 0; i < kSignals.size(); ++i) {
+    ::sigaction(kSignals[i], nullptr, &before_[i]);
+    if (before_[i].sa_handler != SIG_IGN) std::signal(kSignals[i], kSignals[i] == SIGPIPE ? SIG_IGN : note);
+  }
 }
 
 Interrupt::~Interrupt() {
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
+  for (std::size_t i = 0; i < kSignals.size(); ++i) ::sigaction(kSignals[i], &before_[i], nullptr);
 }
 
 bool Interrupt::wanted() const {

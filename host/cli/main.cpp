@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
+#include <new>
 #include <string>
 
 #include "host/cli/command.h"
@@ -26,7 +27,7 @@ int report(const std::string& text, int code) {
       line += "; ";
     }
   }
-  fmt::print(stderr, "arah: {}\n", line);
+  std::fputs(fmt::format("arah: {}\n", line).c_str(), stderr);  // fmt::print would throw where the terminal is gone
   return code;
 }
 
@@ -60,6 +61,8 @@ int main(int argc, char** argv) {
     return report(error.what(), kWrongCall);
   } catch (const arah::MemoryCeilingError& error) {
     return report(error.what(), kWrongCall);
+  } catch (const std::bad_alloc&) {
+    return report("the machine's memory is used up. Use fewer rays a chunk, a smaller picture, or --memory.", kFailed);
   } catch (const std::exception& error) {
     return report(error.what(), kFailed);
   }

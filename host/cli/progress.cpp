@@ -24,6 +24,10 @@ std::size_t columns(std::FILE* stream) {
 
 }  // namespace
 
+void write_text(std::FILE* stream, const std::string& text) {
+  std::fputs(text.c_str(), stream);
+}
+
 std::string duration_text(double seconds) {
   if (!std::isfinite(seconds) || seconds < 0 || seconds > 1e9) return "?";
   const long whole = std::lround(seconds);
@@ -63,7 +67,7 @@ Progress::Progress(std::string title, double total, std::string unit, double fir
       last_(start_) {}
 
 Progress::~Progress() {
-  if (drawn_ && !finished_) fmt::print(stream_, "\n");
+  if (drawn_ && !finished_) write_text(stream_, "\n");
 }
 
 double Progress::seconds() const {
@@ -82,7 +86,7 @@ void Progress::update(double done, const std::string& note) {
 void Progress::say(const std::string& line) {
   const std::lock_guard lock(mutex_);
   clear();
-  fmt::print(stream_, "{}\n", line);
+  write_text(stream_, line + "\n");
   if (terminal_) draw(Clock::now());
 }
 
@@ -94,7 +98,7 @@ void Progress::finish(const std::string& note) {
   std::string line = fmt::format("{}  done in {}", title_, duration_text(seconds()));
   if (!unit_.empty()) line += fmt::format("  {:.0f} {}", total_, unit_);
   if (!note.empty()) line += "  " + note;
-  fmt::print(stream_, "{}\n", line);
+  write_text(stream_, line + "\n");
   std::fflush(stream_);
 }
 
@@ -105,16 +109,16 @@ void Progress::draw(Clock::time_point now) {
   std::string line = progress_line(title_, done_, total_, unit_, rate, note_, terminal_);
   if (terminal_) {
     clear();
-    fmt::print(stream_, "{}", line.substr(0, columns(stream_) - 1));
+    write_text(stream_, line.substr(0, columns(stream_) - 1));
     drawn_ = true;
   } else {
-    fmt::print(stream_, "{}\n", line);
+    write_text(stream_, line + "\n");
   }
   std::fflush(stream_);
 }
 
 void Progress::clear() {
-  if (drawn_) fmt::print(stream_, "\r\x1b[K");
+  if (drawn_) write_text(stream_, "\r\x1b[K");
   drawn_ = false;
 }
 

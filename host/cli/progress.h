@@ -8,6 +8,10 @@
 
 namespace arah {
 
+// To a stream that may refuse it (a terminal that is gone, a full disk, a pipe that nobody reads): the work counts, not what is
+// told of it.
+void write_text(std::FILE* stream, const std::string& text);
+
 // "0:07", "12:34", "3:05:00"; negative or unknown (not finite) times give "?".
 std::string duration_text(double seconds);
 

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "host/cli/progress.h"
+
 namespace arah {
 namespace {
 
@@ -18,13 +20,13 @@ void ShaderLine::show(const ShaderProgress& progress) {
   const std::string line = fmt::format("compiling shaders: {} of {}, {:.0f} s", progress.ready, progress.pipelines, progress.seconds);
   if (terminal_) {
     // Gone as soon as the shader is done: a progress bar may draw on the same line.
-    fmt::print(stream_, "\r\x1b[K{}", progress.done ? "" : line);
+    write_text(stream_, "\r\x1b[K" + (progress.done ? "" : line));
     std::fflush(stream_);
     return;
   }
   const auto now = std::chrono::steady_clock::now();
   if (progress.done || (said_ && std::chrono::duration<double>(now - last_).count() < kPlainRepeat)) return;
-  fmt::print(stream_, "{}{}\n", line, said_ ? "" : " (the driver keeps them; the next start is quick)");
+  write_text(stream_, fmt::format("{}{}\n", line, said_ ? "" : " (the driver keeps them; the next start is quick)"));
   std::fflush(stream_);
   said_ = true;
   last_ = now;

@@ -32,8 +32,7 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   RunConfig config;
   if (options.run.resume) {
     config = RunFolder(options.run.folder).read_config();
-    config.fingerprint = capture_fingerprint(capture);
-    config.capture = capture.path;
+    set_capture(config, capture);
     if (options.preset) config.settings.preset = *options.preset;
   } else {
     std::vector<std::string> reasons;

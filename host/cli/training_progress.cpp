@@ -41,13 +41,14 @@ void TrainingProgress::show(const RunEvent& event) {
       if (!fit_) fit_.emplace("fit to the template", 1.0, "");
       fit_->finish(fmt::format("surface within {:.2f} mm, skinning weights within {:.4f}", 1e3 * event.fit.sdf_error,
                                event.fit.skinning_error));
-      if (!event.prior.empty()) fmt::print(stderr, "{}\n", event.prior);
+      if (!event.prior.empty()) write_text(stderr, event.prior + "\n");
       break;
     case RunEvent::Kind::resumed:
-      fmt::print(stderr, "resumed from {} at step {}\n", event.file.string(), event.step.step);
+      for (const std::string& damaged : event.damaged) write_text(stderr, fmt::format("passed over: {}\n", damaged));
+      write_text(stderr, fmt::format("resumed from {} at step {}\n", event.file.string(), event.step.step));
       break;
     case RunEvent::Kind::ready:
-      fmt::print(stderr, "{}; {}\n", memory_text(device_), event.passes > 1 ? fmt::format("a step's rays in {} passes", event.passes) : "a step's rays together");
+      write_text(stderr, fmt::format("{}; {}\n", memory_text(device_), event.passes > 1 ? fmt::format("a step's rays in {} passes", event.passes) : "a step's rays together"));
       steps_.emplace(fmt::format("train for {}", budget_), 1.0, "", event.fraction);
       break;
     case RunEvent::Kind::step: {
@@ -70,7 +71,7 @@ void TrainingProgress::show(const RunEvent& event) {
 void TrainingProgress::finish(const RunResult& result) {
   if (steps_)
     steps_->finish(fmt::format("{} steps{}  loss {:.4f}  {}  {}", result.steps, result.skipped ? fmt::format(", of which {} were skipped for bad values", result.skipped) : "", last_.total, shaders_text(device_), result.avatar.string()));
-  if (!result.poses.empty()) fmt::print(stderr, "{}\n", result.poses);
+  if (!result.poses.empty()) write_text(stderr, result.poses + "\n");
 }
 
 }  // namespace arah

@@ -34,6 +34,7 @@ std::string config_text(const RunConfig& config) {
   const ordered_json json{
       {"capture", fs::absolute(config.capture).lexically_normal().string()},
       {"capture_fingerprint", config.fingerprint},
+      {"capture_parts", config.parts},
       {"spec", ordered_json::parse(spec_to_json(config.spec))},
       {"settings", ordered_json::parse(settings_to_json(config.settings))},
   };
@@ -74,37 +75,100 @@ void require_equal(const std::string& where, const std::string& part, const std:
                    json_excerpt(at_path(now, field)), "Leave the option out, or begin another run.");
 }
 
+constexpr std::array kCaptureFiles{"cameras.json", "motion_train.json", "template.glb"};
+
+class Fnv1a {
+ public:
+  // A text with its length.
+  void add(const std::string& text) {
+    const uint64_t size = text.size();
+    add(&size, sizeof size);
+    add(text.data(), text.size());
+  }
+  std::string text() const { return fmt::format("{:016x}", hash_); }
+
+ private:
+  void add(const void* data, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i)
+      hash_ = (hash_ ^ static_cast<const unsigned char*>(data)[i]) * 0x100000001b3ull;
+  }
+  uint64_t hash_ = 0xcbf29ce484222325ull;
+};
+
+// Of a PNG: Adler-32 of all pixels, CRC of their chunk, and the last chunk of 12 bytes.
+constexpr std::streamoff kPictureEnd = 32;
+
+std::string picture_end(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  const std::streamoff size = file.tellg();
+  std::string end(static_cast<std::size_t>(std::clamp(size, std::streamoff{0}, kPictureEnd)), '\0');
+  file.seekg(-static_cast<std::streamoff>(end.size()), std::ios::end);
+  if (!file.read(end.data(), static_cast<std::streamsize>(end.size()))) throw InputError(path.string(), "", "a picture", "none that can be read");
+  return fmt::format("{} bytes ", size) + end;
+}
+
+// Removes the files that write_file_safely() left in `folder` under way to a name that begins with `name`.
+void remove_on_the_way(const fs::path& folder, const std::string& name) {
+  std::error_code ignored;  // what cannot be removed is in nobody's way
+  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+    const std::string found = entry.path().filename().string();
+    if (found.starts_with("." + name) && found.ends_with(".part")) fs::remove(entry.path(), ignored);
+  }
+}
+
 }  // namespace
 
 std::string capture_fingerprint(const Capture& capture) {
-  uint64_t hash = 0xcbf29ce484222325ull;
-  const auto add = [&](const void* data, std::size_t size) {
-    for (std::size_t i = 0; i < size; ++i)
-      hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 0x100000001b3ull;
-  };
-  for (const char* name : {"cameras.json", "motion_train.json", "template.glb"}) {
-    const std::string bytes = read_text(capture.path / name);
-    const uint64_t size = bytes.size();
-    add(&size, sizeof size);
-    add(bytes.data(), bytes.size());
+  Fnv1a hash;
+  for (const char* name : kCaptureFiles) hash.add(read_text(capture.path / name));
+  return hash.text();
+}
+
+std::map<std::string, std::string> capture_parts(const Capture& capture) {
+  std::map<std::string, std::string> parts;
+  for (const char* name : kCaptureFiles) {
+    Fnv1a hash;
+    hash.add(read_text(capture.path / name));
+    parts[name] = hash.text();
   }
-  return fmt::format("{:016x}", hash);
+  for (std::size_t camera = 0; camera < capture.cameras.size(); ++camera) {
+    if (capture.cameras[camera].role != "train") continue;
+    const std::vector<int> frames = frames_with_images(capture, "train", camera);
+    Fnv1a hash;
+    for (const int frame : frames) {
+      const fs::path picture = image_path(capture, "train", camera, frame);
+      hash.add(picture.filename().string());
+      hash.add(picture_end(picture));
+    }
+    parts["images/train/" + capture.cameras[camera].name] = fmt::format("{} pictures {}", frames.size(), hash.text());
+  }
+  return parts;
+}
+
+void set_capture(RunConfig& config, const Capture& capture) {
+  config.capture = capture.path;
+  config.fingerprint = capture_fingerprint(capture);
+  config.parts = capture_parts(capture);
 }
 
 RunConfig make_run_config(const Capture& capture, const TrainingSettings& settings, const AvatarSpec& spec) {
-  return {settings, spec, capture.path, capture_fingerprint(capture)};
+  RunConfig config{settings, spec, {}, {}, {}};
+  set_capture(config, capture);
+  return config;
 }
 
 void RunFolder::create(const RunConfig& config) {
   if (fs::exists(path_)) {
     if (!fs::is_directory(path_)) throw InputError(path_.string(), "", "a folder", "a file", "Choose another name.");
-    if (!fs::is_empty(path_))
-      throw InputError(path_.string(), "", "a new or empty folder", "one with files in it",
-                       "--resume continues a run; otherwise choose another name.");
   }
   std::error_code error;
   made_ = fs::create_directories(path_, error);
-  if (error) throw InputError(fmt::format("{}: could not be made: {}", path_.string(), error.message()));
+  if (error) throw InputError(fmt::format("{}: could not be made: {}. Choose a folder that takes files.", path_.string(), error.message()));
+  lock_ = std::make_shared<FolderLock>(path_);
+  remove_on_the_way(path_, config_file().filename().string());
+  if (!fs::is_empty(path_))
+    throw InputError(path_.string(), "", "a new or empty folder", "one with files in it",
+                     "--resume continues a run; otherwise choose another name.");
   write_file_safely(config_file(), config_text(config));
 }
 
@@ -122,6 +186,12 @@ RunConfig RunFolder::read_config() const {
   RunConfig config;
   config.capture = text("capture");
   config.fingerprint = text("capture_fingerprint");
+  if (json.contains("capture_parts")) {  // not in runs of earlier versions
+    const nlohmann::json& parts = json["capture_parts"];
+    const bool texts = parts.is_object() && std::all_of(parts.begin(), parts.end(), [](const nlohmann::json& part) { return part.is_string(); });
+    if (!texts) throw InputError(where, "capture_parts", "an object of texts", json_excerpt(parts));
+    config.parts = parts.get<std::map<std::string, std::string>>();
+  }
   config.spec = spec_from_json(json_member(json, "spec", where, "").dump(), where + ": spec");
   config.settings = settings_from_json(json_member(json, "settings", where, "").dump(), where + ": settings");
   return config;
@@ -130,10 +200,21 @@ RunConfig RunFolder::read_config() const {
 void RunFolder::check_continues(const RunConfig& config) const {
   RunConfig before = read_config();
   const std::string where = config_file().string();
+  const std::string advice = "A run continues on the capture that it began with: bring that back, or begin another run.";
+  if (!before.parts.empty() && before.parts != config.parts) {
+    std::map<std::string, std::string> all = before.parts;
+    all.insert(config.parts.begin(), config.parts.end());
+    for (const auto& [name, either] : all) {
+      const auto part_of = [part = name](const std::map<std::string, std::string>& parts) { return parts.contains(part) ? parts.at(part) : std::string("none"); };
+      const std::string expected = part_of(before.parts), found = part_of(config.parts);
+      if (expected != found)
+        throw InputError((config.capture / name).string(), "", fmt::format("what {} began with ({})", path_.string(), expected), fmt::format("another ({})", found), advice);
+    }
+  }
   if (before.fingerprint != config.fingerprint)
     throw InputError(where, "capture_fingerprint", before.fingerprint + " (" + before.capture.string() + ")",
                      config.fingerprint + " (" + config.capture.string() + ")",
-                     "A run continues on the capture that it began with.");
+                     advice);
   require_equal(where, "spec", spec_to_json(before.spec), spec_to_json(config.spec));
   before.settings.steps = config.settings.steps;
   before.settings.minutes = config.settings.minutes;
@@ -141,8 +222,16 @@ void RunFolder::check_continues(const RunConfig& config) const {
   require_equal(where, "settings", settings_to_json(before.settings), settings_to_json(config.settings));
 }
 
+void RunFolder::remove_unfinished() const {
+  for (const fs::path& file : {config_file(), avatar_file()}) remove_on_the_way(path_, file.filename().string());
+  remove_on_the_way(checkpoints(), kPrefix);
+  remove_on_the_way(path_ / "kept", kKeptPrefix);
+}
+
 void RunFolder::reopen(const RunConfig& config) {
+  lock_ = std::make_shared<FolderLock>(path_);
   check_continues(config);
+  remove_unfinished();
   write_file_safely(config_file(), config_text(config));
 
   if (!fs::is_regular_file(events_file())) return;
@@ -197,7 +286,9 @@ std::vector<fs::path> RunFolder::checkpoint_files() const {
 }
 
 fs::path RunFolder::save_checkpoint(uint64_t step, const SafetensorsFile& file) const {
-  fs::create_directories(checkpoints());
+  std::error_code error;
+  fs::create_directories(checkpoints(), error);
+  if (error) throw InputError(fmt::format("{}: could not be made: {}. Choose a folder that takes files.", checkpoints().string(), error.message()));
   const fs::path path = checkpoints() / fmt::format("{}{:08}{}", kPrefix, step, kSuffix);
   write_safetensors(path, file);
   const std::vector<fs::path> files = checkpoint_files();
@@ -207,7 +298,7 @@ fs::path RunFolder::save_checkpoint(uint64_t step, const SafetensorsFile& file) 
 
 fs::path RunFolder::failure_file(uint64_t step) const { return path_ / fmt::format("failure_{:08}{}", step, kSuffix); }
 
-std::optional<SafetensorsFile> RunFolder::newest_checkpoint() const {
+std::optional<SafetensorsFile> RunFolder::newest_checkpoint(std::vector<std::string>* damaged) const {
   const std::vector<fs::path> files = checkpoint_files();
   std::string reason;
   for (const fs::path& path : files) {
@@ -218,6 +309,7 @@ std::optional<SafetensorsFile> RunFolder::newest_checkpoint() const {
       return file;
     } catch (const InputError& error) {
       if (reason.empty()) reason = error.what();
+      if (damaged) damaged->push_back(error.what());
     }
   }
   if (files.empty()) return std::nullopt;

@@ -8,6 +8,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -15,6 +17,7 @@
 #include "host/avatar/avatar_spec.h"
 #include "host/avatar/safetensors.h"
 #include "host/capture/capture.h"
+#include "host/folder_lock.h"
 #include "host/training/training_settings.h"
 
 namespace arah {
@@ -24,11 +27,22 @@ struct RunConfig {
   AvatarSpec spec;
   std::filesystem::path capture;
   std::string fingerprint;  // of the capture, capture_fingerprint()
+  // What that capture is made of, capture_parts(); empty in runs of earlier versions.
+  std::map<std::string, std::string> parts;
 };
 
 // 16 hexadecimal digits: FNV-1a over cameras.json, motion_train.json and template.glb, each with its length. Pictures
 // are not read. Throws InputError naming a file that cannot be read.
 std::string capture_fingerprint(const Capture& capture);
+
+// What training reads of a capture, each with what tells it from another: its three files with their FNV-1a, and each training
+// camera's folder of pictures, "images/train/cam_00", with their count and FNV-1a over their names, sizes and last 32 bytes,
+// where PNG has the checksum of all pixels (Adler-32 at the end of the compressed stream, PNG specification, chapter 10).
+// Throws InputError naming a file that cannot be read.
+std::map<std::string, std::string> capture_parts(const Capture& capture);
+
+// Makes it the capture of `config`: its place, fingerprint and parts. Throws as these do.
+void set_capture(RunConfig& config, const Capture& capture);
 
 RunConfig make_run_config(const Capture& capture, const TrainingSettings& settings, const AvatarSpec& spec);
 
@@ -52,15 +66,17 @@ class RunFolder {
   // By minutes; none where none were kept.
   std::vector<KeptAvatar> kept_avatars() const;
 
-  // Makes the folder with its config.json. Throws InputError where it exists and is not empty.
+  // Makes the folder with its config.json and holds it against other writers (FolderLock) until this object is gone. A folder with
+  // nothing in it but what a killed process left unfinished counts as empty. Throws InputError where it exists and is not empty,
+  // or is held by another.
   void create(const RunConfig& config);
   // Throws InputError: no such folder, no config.json, a field that is missing or wrong.
   RunConfig read_config() const;
   // Only settings.steps, settings.minutes, settings.on_bad_value and the capture's place may differ from what config.json holds; throws InputError
-  // naming the first other difference.
+  // naming the first other difference: of a capture the file or the pictures that changed.
   void check_continues(const RunConfig& config) const;
-  // Makes `config` the one of a run that goes on. Throws as check_continues(). Cuts off a line of events.jsonl that a killed
-  // process left unfinished.
+  // Makes `config` the one of a run that goes on, and holds the folder as create() does. Throws as check_continues(), and where
+  // another holds the folder. Removes what a killed process left unfinished: files on their way, a line of events.jsonl.
   void reopen(const RunConfig& config);
   // Takes back create(): removes what a run writes, and the folder if create() made it.
   void discard();
@@ -70,15 +86,17 @@ class RunFolder {
 
   // Writes the checkpoint of that step, safely, and removes all but the newest two.
   std::filesystem::path save_checkpoint(uint64_t step, const SafetensorsFile& file) const;
-  // The newest checkpoint that holds an avatar and its optimiser; absent where there is no checkpoint at all. Throws
-  // InputError where there are some and none opens.
-  std::optional<SafetensorsFile> newest_checkpoint() const;
+  // The newest checkpoint that holds an avatar and its optimiser; absent where there is no checkpoint at all. Newer ones that
+  // do not open are passed over, `damaged` says why, a line each. Throws InputError where there are some and none opens.
+  std::optional<SafetensorsFile> newest_checkpoint(std::vector<std::string>* damaged = nullptr) const;
 
  private:
   std::filesystem::path checkpoints() const { return path_ / "checkpoints"; }
   std::vector<std::filesystem::path> checkpoint_files() const;  // newest first
+  void remove_unfinished() const;
 
   std::filesystem::path path_;
+  std::shared_ptr<const FolderLock> lock_;
   bool made_ = false;
 };
 

@@ -94,7 +94,7 @@ class TrainingRun {
     std::optional<SafetensorsFile> saved;
     if (options_.resume) {
       folder_.reopen(config_);
-      saved = options_.from.empty() ? folder_.newest_checkpoint() : read_safetensors(options_.from);
+      saved = options_.from.empty() ? folder_.newest_checkpoint(&damaged_) : read_safetensors(options_.from);
       if (saved) earlier_ = earlier_seconds(*saved);
     } else {
       folder_.create(config_);
@@ -106,13 +106,27 @@ class TrainingRun {
            {"version", kVersion},
            {"resumed", saved.has_value()}});
       return saved ? resumed(*saved) : fresh();
+    } catch (const InputError&) {
+      give_up();
+      throw;
+    } catch (const MemoryCeilingError&) {
+      give_up();
+      throw;
+    } catch (const std::runtime_error& error) {
+      give_up();
+      if (!saved_step_) throw;
+      throw std::runtime_error(fmt::format("{}. Once that is mended, --resume goes on from the checkpoint of step {}.", error.what(), *saved_step_));
     } catch (...) {
-      if (!options_.resume && !stepped_) folder_.discard();
+      give_up();
       throw;
     }
   }
 
  private:
+  void give_up() {
+    if (!options_.resume && !stepped_) folder_.discard();
+  }
+
   double seconds() const { return earlier_ + seconds_since(options_.started); }
   double budget() const { return 60 * settings_.minutes; }
 
@@ -197,7 +211,9 @@ class TrainingRun {
     RunEvent event;
     event.kind = RunEvent::Kind::resumed;
     event.file = file.path;
+    event.damaged = damaged_;
     event.step.step = trainer.steps_done();
+    saved_step_ = trainer.steps_done();
     event.fraction = trainer.done();
     tell(event);
     return train(trainer);
@@ -222,6 +238,7 @@ class TrainingRun {
     RunEvent event;
     event.kind = RunEvent::Kind::checkpoint;
     event.file = folder_.save_checkpoint(trainer.steps_done(), file);
+    saved_step_ = trainer.steps_done();
     save_avatar(folder_.avatar_file(), trainer.avatar());
     event.step.step = trainer.steps_done();
     event.fraction = fraction(trainer);
@@ -343,6 +360,8 @@ class TrainingRun {
   Pace pace_;
   double earlier_ = 0;     // seconds of earlier calls
   double kept_until_ = 0;  // seconds
+  std::vector<std::string> damaged_;     // checkpoints that were passed over
+  std::optional<uint64_t> saved_step_;   // of the newest checkpoint
   bool stopped_ = false, stepped_ = false;
 };
 

@@ -41,6 +41,7 @@ struct RunEvent {
   TemplateFit fit;
   std::string prior;  // fitted: what became of the prior's pose networks (start_from_prior)
   std::filesystem::path file;
+  std::vector<std::string> damaged;  // resumed: newer checkpoints that do not open, a line each
 };
 
 struct RunResult {
@@ -57,8 +58,8 @@ struct RunResult {
 // step. `listen` returns false to stop: the run then leaves a checkpoint and the avatar, or, in the template fit of a
 // new run, nothing. A run of so many steps ends with the same bits whether it was interrupted and resumed or not.
 // Throws InputError where the folder does not fit (RunFolder), or the capture turns out bad; std::runtime_error where
-// training fails. What was written before stays; a new run that fails before its first step leaves nothing. Where a number of a
-// step is bad (BadValueError), RunFolder::failure_file is left, and the error says so.
+// training fails, whose text then names the checkpoint to go on from. What was written before stays; a new run that fails before its first
+// step leaves nothing. Where a number of a step is bad (BadValueError), RunFolder::failure_file is left, and the error says so.
 RunResult run_training(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
                        const std::function<bool(const RunEvent&)>& listen = {});
 

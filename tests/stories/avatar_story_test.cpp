@@ -132,7 +132,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   change_json(moved / "cameras.json", [](auto& json) { json["cameras"][0]["T"][0] = 0.5; });
   const Outcome elsewhere = arah({"train", moved.string(), "-o", at("parts"), "--resume"});
   EXPECT_EQ(elsewhere.code, 2);
-  EXPECT_THAT(elsewhere.errors, HasSubstr("capture_fingerprint"));
+  EXPECT_THAT(elsewhere.errors, HasSubstr("other/cameras.json"));
 
   // The avatar of a few steps has the template's shape: it can be seen and measured.
   const Outcome rendered =

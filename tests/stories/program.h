@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <stdexcept>
 #include <string>
@@ -32,7 +33,8 @@ inline std::string read_all(const std::filesystem::path& path) {
 // A running `arah WORDS...`, its output going to files in `folder`.
 class Program {
  public:
-  Program(const std::vector<std::string>& words, const std::filesystem::path& folder)
+  // in_child: what the child does before it becomes the program, its output being set up.
+  Program(const std::vector<std::string>& words, const std::filesystem::path& folder, const std::function<void()>& in_child = {})
       : output_(folder / "stdout.txt"), errors_(folder / "stderr.txt") {
     child_ = ::fork();
     if (child_ < 0) throw std::runtime_error("fork failed");
@@ -41,6 +43,7 @@ class Program {
     for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
     if (!std::freopen(output_.c_str(), "w", stdout) || !std::freopen(errors_.c_str(), "w", stderr)) ::_exit(126);
+    if (in_child) in_child();
     ::execv(ARAH_PROGRAM, arguments.data());
     ::_exit(127);
   }
@@ -52,7 +55,11 @@ class Program {
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
 
-  void signal(int number) const { ::kill(child_, number); }
+  pid_t id() const { return child_; }
+  // Nothing where it has ended and been waited for.
+  void signal(int number) const {
+    if (child_ > 0) ::kill(child_, number);
+  }
   bool running() {
     if (child_ > 0 && ::waitpid(child_, &status_, WNOHANG) == child_) child_ = 0;
     return child_ > 0;
