@@ -138,7 +138,7 @@ void add_inspect_command(CLI::App& program, Run& run) {
                       "of a capture: folder for inspect.html, a page with plans of cameras and motion, the template and the masks over the photographs, and what looks wrong; of an avatar in poses: folder for conditioning.html and conditioning.json");
   add_motion_options(*command, options->motion);
   command->get_option("--capture")->description("of an avatar: how its skinning and the search of correspondences stand the poses of this capture's frames");
-  CLI::Option* frame = command->add_option("--frame", options->frames, "numbers of the motion's frames to look at, 12,40,66")->delimiter(',');
+  CLI::Option* frame = command->add_option("--frame", options->frames, "numbers of the motion's frames to look at, 12,40,66")->delimiter(',')->allow_extra_args(false);
   command->add_option("--count", options->count, "frames, at most, evenly over the motion")->check(CLI::Range(1, 1000000))->capture_default_str()->excludes(frame);
   CLI::Option* camera = command->add_option("--camera", options->camera, "of the capture, for the pictures; without it two circling ones, before the person and behind");
   command->add_option("--orbit", options->orbit, "place of the first circling camera, degrees; 0 is in front of a person at rest")->check(CLI::Range(-1e6, 1e6))->capture_default_str()->excludes(camera);
