@@ -77,6 +77,12 @@ ordered_json step_json(const StepReport& r) {
           {"grid_clamped", r.grid_clamped}};
 }
 
+// A step with bad values, kept in a file of its own: what there is to say of going on stands in its text.
+class KeptStep : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 class TrainingRun {
  public:
   TrainingRun(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
@@ -110,6 +116,9 @@ class TrainingRun {
       give_up();
       throw;
     } catch (const MemoryCeilingError&) {
+      give_up();
+      throw;
+    } catch (const KeptStep&) {
       give_up();
       throw;
     } catch (const std::runtime_error& error) {
@@ -277,7 +286,7 @@ class TrainingRun {
     try {
       return trainer.step(left);
     } catch (const BadValueError& error) {
-      throw std::runtime_error(fmt::format("{}. {}", error.what(), keep_failure(trainer, error.found())));
+      throw KeptStep(fmt::format("{}. {}", error.what(), keep_failure(trainer, error.found())));
     }
   }
 

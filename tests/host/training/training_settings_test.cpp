@@ -44,6 +44,7 @@ TEST(TrainingSettingsTest, EveryFieldReadsBackAsWritten) {
   object["root_initialisations"] = 1;  // with a grid
   object["root_rescue_steps"] = 30;
   object["root_rescue_bones"] = 3;
+  object["on_bad_value"] = "skip";
   object["rendering"] = "surface";
   object["mask_samples"] = 99;  // at most 1024
   object["ray_importance"] = 0.75;  // a share
