@@ -38,6 +38,7 @@ void RootRescue::solve(Commands& commands, FrameOnDevice& frame, uint32_t points
   listing.compacted = ids_.slice();
   listing.count = count_.slice();
   record_compact(commands, listing);
+  commands.fill(search_counts_.slice(), 0);
   commands.submit_and_wait();
   WorkCount unsolved{};
   device_.download(count_.slice(), &unsolved, sizeof unsolved);

@@ -277,12 +277,12 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
 constexpr uint64_t kBesideBuffers = 450ull << 20;
 
 TEST_F(Stories, PosesThatBreakAnAvatarAreShown) {
-  const Outcome trained = arah(training("posed", {"--steps", "2"}));
+  const Outcome trained = arah(training("bent", {"--steps", "2"}));
   ASSERT_EQ(trained.code, 0) << trained.errors;
-  const Outcome plain = arah({"inspect", at("posed")});
+  const Outcome plain = arah({"inspect", at("bent")});
   ASSERT_EQ(plain.code, 0) << plain.errors;
   EXPECT_THAT(plain.output, testing::AllOf(HasSubstr("2 steps trained"), HasSubstr("density scale b: "), Not(HasSubstr("singular"))));
-  const Outcome inspected = arah({"inspect", at("posed"), "--capture", capture(), "--count", "2", "--cell", "0.03", "--samples", "600", "--size", "96", "-o", at("conditioning")});
+  const Outcome inspected = arah({"inspect", at("bent"), "--capture", capture(), "--count", "2", "--cell", "0.03", "--samples", "600", "--size", "96", "-o", at("conditioning")});
   ASSERT_EQ(inspected.code, 0) << inspected.errors;
   EXPECT_THAT(inspected.output, AllOf(testing::StartsWith(plain.output), HasSubstr("conditioning.html")));
   const std::string page = read_all(at("conditioning/conditioning.html"));
@@ -313,11 +313,11 @@ TEST_F(Stories, PosesThatBreakAnAvatarAreShown) {
     for (const std::string& part : parts) EXPECT_THAT(outcome.errors, HasSubstr(part));
     EXPECT_FALSE(fs::exists(at("refused"))) << "what a refused call left behind";
   };
-  refused({"inspect", at("posed"), "--frame", "0"}, {"--frame", "--capture or --motion"});
-  refused({"inspect", at("posed"), "-o", at("refused")}, {"--out", "--capture or --motion"});
+  refused({"inspect", at("bent"), "--frame", "0"}, {"--frame", "--capture or --motion"});
+  refused({"inspect", at("bent"), "-o", at("refused")}, {"--out", "--capture or --motion"});
   refused({"inspect", capture(), "--capture", capture(), "-o", at("refused")}, {"--capture", "an avatar"});
-  refused({"inspect", at("posed"), "--capture", capture(), "--frame", "9999", "-o", at("refused")}, {"frame", "9999"});
-  refused({"inspect", at("posed"), "--capture", capture(), "--camera", "none", "-o", at("refused")}, {"none"});
+  refused({"inspect", at("bent"), "--capture", capture(), "--frame", "9999", "-o", at("refused")}, {"frame", "9999"});
+  refused({"inspect", at("bent"), "--capture", capture(), "--camera", "none", "-o", at("refused")}, {"none"});
 }
 
 TEST_F(Stories, MemoryStaysBelowItsCeiling) {
