@@ -304,7 +304,7 @@ TEST_F(Stories, PosesThatBreakAnAvatarAreShown) {
   }
   // One camera's picture of one frame, in its size; and calls that make no sense.
   const int number = found["poses"][1]["frame"].get<int>();
-  const Outcome one = arah({"inspect", at("posed/avatar.safetensors"), "--capture", capture(), "--frame", std::to_string(number), "--cell", "0.03", "--samples", "600"});
+  const Outcome one = arah({"inspect", at("bent/avatar.safetensors"), "--capture", capture(), "--frame", std::to_string(number), "--cell", "0.03", "--samples", "600"});
   ASSERT_EQ(one.code, 0) << one.errors;
   EXPECT_THAT(one.output, AllOf(HasSubstr(fmt::format("frame {}: least", number)), Not(HasSubstr(".html"))));
   const auto refused = [](const std::vector<std::string>& words, const std::vector<std::string>& parts) {
