@@ -83,20 +83,15 @@ bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::fu
   RenderSettings settings = animation_.render;
   settings.normals = animation_.normals_beside;
   Renderer renderer(device, avatar, settings);
-  bool stopped = false;
   for (std::size_t f = 0; f < animation_.frames.size(); ++f) {
     const fs::path path = animation_picture(path_, f);
     if (fs::exists(path)) continue;
     const AnimationFrame& frame = animation_.frames[f];
     Picture picture;
     try {
-      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](double part) {
-        stopped = !progress(double(there) + part);
-        return !stopped;
-      });
-    } catch (const std::runtime_error&) {
-      if (stopped) return false;
-      throw;
+      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](double part, const Picture&) { return progress(double(there) + part); });
+    } catch (const RenderingStopped&) {
+      return false;
     }
     write_file_safely(path, picture_png(picture, animation_.normals_beside));
     if (!progress(double(++there)) && there < animation_.frames.size()) return false;

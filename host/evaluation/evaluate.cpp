@@ -142,7 +142,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                        "Check cameras and poses with arah inspect, or leave the camera out with --cameras.");
     const RootFindingCounts before = renderer.root_finder().counts();
     const Picture picture = renderer.render(
-        camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part) {
+        camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part, const Picture&) {
           return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(chosen.size()));
         });
     const std::vector<float> truth = rgb_on_black(photograph);

@@ -100,13 +100,13 @@ uint32_t Renderer::planned_rays() {
   });
 }
 
-Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
+Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress) {
   if (settings_.pixel_step <= 1) return render_every_pixel(camera, pose, latent_row, progress);
   const int columns = std::max(1, (camera.width + settings_.pixel_step - 1) / settings_.pixel_step);
   return enlarged(render_every_pixel(camera.scaled(columns), pose, latent_row, progress), camera.width, camera.height);
 }
 
-Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
+Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress) {
   commands_.stage("weights");
   if (avatar_.spec.skinning.kind == Skinning::backward) networks_.record_pose(commands_, posed(pose).joint_rotations());
   networks_.record_pack(commands_, latent_row, settings_.shared_sdf ? std::vector<float>{} : pose_input(avatar_, pose));
@@ -124,7 +124,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   if (settings_.normals) picture.normal.assign(3 * pixels, 0);
 
   const auto report = [&](double done) {
-    if (progress && !progress(done)) throw std::runtime_error("stopped");
+    if (progress && !progress(done, picture)) throw RenderingStopped();
   };
   SurfaceHits surface;
   if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * density_scale(avatar_));

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <optional>
+#include <stdexcept>
 #include <vector>
 
 #include "host/rendering/ray_samples.h"
@@ -22,6 +23,15 @@ struct Picture {
   std::vector<float> normal;  // [pixels][3], world axes, Σ w n; empty unless asked for
 };
 
+// The part done, 0..1, and what there is of the picture so far: its rows from the top, every pixel_step-th of them and of the
+// columns. Returns whether to go on.
+using RenderingProgress = std::function<bool(double part, const Picture& so_far)>;
+
+class RenderingStopped : public std::runtime_error {
+ public:
+  RenderingStopped() : std::runtime_error("stopped") {}
+};
+
 class Renderer {
  public:
   // The avatar's numbers are copied to the device. Throws InputError for settings that go with no avatar or that this device
@@ -29,8 +39,8 @@ class Renderer {
   Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
 
   // What belongs to the pose or the code alone (the posed template, its grid of roots, baked distances) is kept for the next
-  // picture. progress: the part done, 0..1; return false to stop (throws std::runtime_error "stopped").
-  Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress = {});
+  // picture. Asks progress between the chunks of rays; throws RenderingStopped where it says so.
+  Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress = {});
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
 
   // The next picture is made as if its pose were new.
@@ -54,7 +64,7 @@ class Renderer {
   bool draws_mesh() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::mesh; }
   bool searches_surface() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::search; }
   uint32_t planned_rays();
-  Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress);
+  Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress);
   FrameOnDevice& posed(const Pose& pose);
   void bake(FrameOnDevice& frame, std::size_t latent_row);
   SurfaceHits find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);

@@ -60,7 +60,10 @@ Commands::Commands(Device& device) : device_(device), state_(std::make_unique<St
 
 Commands::~Commands() {
   DeviceState& s = device_.state();
-  vkDeviceWaitIdle(s.device);
+  {
+    const std::lock_guard lock(s.queue_mutex);
+    vkDeviceWaitIdle(s.device);
+  }
   for (VkQueryPool pool : state_->queries) vkDestroyQueryPool(s.device, pool, nullptr);
   if (state_->fence) vkDestroyFence(s.device, state_->fence, nullptr);
   if (state_->pool) vkDestroyCommandPool(s.device, state_->pool, nullptr);
@@ -217,7 +220,10 @@ void Commands::run(VkCommandBuffer buffer) {
   VkSubmitInfo submit{VK_STRUCTURE_TYPE_SUBMIT_INFO};
   submit.commandBufferCount = 1;
   submit.pCommandBuffers = &buffer;
-  check(vkQueueSubmit(device.queue, 1, &submit, state_->fence), "submitting work to " + device.report.name);
+  {
+    const std::lock_guard lock(device.queue_mutex);
+    check(vkQueueSubmit(device.queue, 1, &submit, state_->fence), "submitting work to " + device.report.name);
+  }
   check(vkWaitForFences(device.device, 1, &state_->fence, VK_TRUE, UINT64_MAX), "waiting for " + device.report.name);
   check(vkResetFences(device.device, 1, &state_->fence), "fence");
 }

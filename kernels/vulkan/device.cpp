@@ -10,6 +10,7 @@
 #include "kernels/vulkan/commands.h"
 #include "kernels/vulkan/cooperative_matrix.h"
 #include "kernels/vulkan/device_state.h"
+#include "kernels/vulkan/window_access.h"
 #include "shaders/embedded.h"
 
 namespace arah {
@@ -69,14 +70,15 @@ std::string size_text(uint64_t bytes) { return fmt::format("{:.1f}M", double(byt
 
 }  // namespace
 
-VkInstance make_instance(bool validation) {
+VkInstance make_instance(bool validation, const std::vector<std::string>& window_extensions) {
   VkApplicationInfo application{VK_STRUCTURE_TYPE_APPLICATION_INFO};
   application.pApplicationName = "arah";
   application.apiVersion = VK_API_VERSION_1_2;
   VkInstanceCreateInfo info{VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO};
   info.pApplicationInfo = &application;
   const char* layer = "VK_LAYER_KHRONOS_validation";
-  const char* extensions[] = {VK_EXT_DEBUG_UTILS_EXTENSION_NAME, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME};
+  std::vector<const char*> extensions;
+  for (const std::string& extension : window_extensions) extensions.push_back(extension.c_str());
   const VkValidationFeatureEnableEXT synchronisation = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
   VkValidationFeaturesEXT features{VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT};
   features.enabledValidationFeatureCount = 1;
@@ -85,9 +87,11 @@ VkInstance make_instance(bool validation) {
     info.pNext = &features;
     info.enabledLayerCount = 1;
     info.ppEnabledLayerNames = &layer;
-    info.enabledExtensionCount = 2;
-    info.ppEnabledExtensionNames = extensions;
+    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
+    extensions.push_back(VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME);
   }
+  info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
   VkInstance instance = VK_NULL_HANDLE;
   check(vkCreateInstance(&info, nullptr, &instance), "starting Vulkan");
   return instance;
@@ -102,7 +106,8 @@ DeviceOptions DeviceOptions::from_environment() {
 
 Device::Device(const DeviceOptions& options) : state_(std::make_unique<DeviceState>()) {
   DeviceState& s = *state_;
-  s.instance = make_instance(options.validation);
+  const bool presents = !options.window_extensions.empty();
+  s.instance = make_instance(options.validation, options.window_extensions);
   if (options.validation) {
     const auto create = reinterpret_cast<PFN_vkCreateDebugUtilsMessengerEXT>(vkGetInstanceProcAddr(s.instance, "vkCreateDebugUtilsMessengerEXT"));
     const auto info = messenger_info(&s);
@@ -121,7 +126,9 @@ Device::Device(const DeviceOptions& options) : state_(std::make_unique<DeviceSta
   vkGetPhysicalDeviceQueueFamilyProperties(s.physical, &count, nullptr);
   std::vector<VkQueueFamilyProperties> families(count);
   vkGetPhysicalDeviceQueueFamilyProperties(s.physical, &count, families.data());
-  while (!(families[s.queue_family].queueFlags & VK_QUEUE_COMPUTE_BIT)) ++s.queue_family;
+  const VkQueueFlags work = VK_QUEUE_COMPUTE_BIT | (presents ? VK_QUEUE_GRAPHICS_BIT : 0);
+  while (s.queue_family < count && (families[s.queue_family].queueFlags & work) != work) ++s.queue_family;
+  if (s.queue_family == count) throw std::runtime_error(fmt::format("{} has no queue that both computes and draws, as a window needs; ARAH_DEVICE or --device chooses another", s.report.name));
 
   const float priority = 1;
   VkDeviceQueueCreateInfo queue{VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO};
@@ -134,6 +141,7 @@ Device::Device(const DeviceOptions& options) : state_(std::make_unique<DeviceSta
   VkPhysicalDeviceFeatures2 features{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, &features12};
   features.features.shaderInt64 = VK_TRUE;
   std::vector<const char*> extensions{VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME};
+  if (presents) extensions.push_back(VK_KHR_SWAPCHAIN_EXTENSION_NAME);
   CooperativeMatrixFeature cooperative;
   if (s.report.cooperative_matrix_missing.empty()) {
     extensions.push_back(cooperative_matrix_extension());
@@ -219,6 +227,11 @@ Device::~Device() {
 
 const DeviceReport& Device::report() const { return state_->report; }
 Profiler& Device::profiler() { return state_->profiler; }
+
+WindowAccess window_access(Device& device) {
+  DeviceState& s = device.state();
+  return {s.instance, s.physical, s.device, s.queue, s.queue_family, &s.queue_mutex};
+}
 
 const std::string& Device::once(const std::string& question, const std::function<std::string()>& ask) {
   const auto known = state_->answers.find(question);

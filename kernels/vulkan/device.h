@@ -91,6 +91,9 @@ struct DeviceOptions {
   bool profile = false;     // time every launch with timestamps
   uint64_t memory_ceiling = 0;  // bytes of all buffers together; 0: as much as the device gives
   std::function<void(const ShaderProgress&)> compiling;  // called before and after each wait
+  // Of the instance, as the window system asks for them. Where there are any, the device's queue draws as well as computes and
+  // can present (VK_KHR_swapchain); devices without that are refused.
+  std::vector<std::string> window_extensions;
 
   // wanted from ARAH_DEVICE, validation from ARAH_VALIDATION=1.
   static DeviceOptions from_environment();

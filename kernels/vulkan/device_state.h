@@ -16,12 +16,9 @@
 #include <vector>
 
 #include "kernels/vulkan/device.h"
+#include "kernels/vulkan/result.h"
 
 namespace arah {
-
-// Throws std::runtime_error "<what>: VK_ERROR_…" unless the result is VK_SUCCESS.
-void check(VkResult result, const std::string& what);
-const char* to_string(VkResult result);
 
 // A report with the handle that it speaks of.
 struct SurveyedDevice {
@@ -30,7 +27,7 @@ struct SurveyedDevice {
 };
 std::vector<SurveyedDevice> survey(VkInstance instance);
 
-VkInstance make_instance(bool validation);
+VkInstance make_instance(bool validation, const std::vector<std::string>& window_extensions = {});
 
 // Threads that make pipelines side by side, first come first served: a driver takes up to a second for one.
 class PipelineMakers {
@@ -54,6 +51,7 @@ struct DeviceState {
   VkDevice device = VK_NULL_HANDLE;
   VkQueue queue = VK_NULL_HANDLE;
   uint32_t queue_family = 0;
+  std::mutex queue_mutex;  // one thread at a time hands work to the queue (a window has one of its own)
   VkPhysicalDeviceMemoryProperties memory{};
   PFN_vkCmdPushDescriptorSetKHR push_descriptors = nullptr;
   DeviceReport report;
