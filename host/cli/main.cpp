@@ -1,37 +1,11 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <cstdio>
-#include <exception>
-#include <new>
 #include <string>
 
 #include "host/cli/command.h"
-#include "host/input_error.h"
+#include "host/cli/outcome.h"
 #include "host/version.h"
-#include "kernels/vulkan/device.h"
-
-namespace {
-
-constexpr int kFailed = 1;     // the work failed
-constexpr int kWrongCall = 2;  // the call was wrong: options, files, settings, too low a ceiling
-
-// One line on standard error, whatever the text.
-int report(const std::string& text, int code) {
-  std::string line;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    if (text[i] != '\n') {
-      line.push_back(text[i]);
-    } else {
-      while (i + 1 < text.size() && (text[i + 1] == ' ' || text[i + 1] == '\n')) ++i;
-      line += "; ";
-    }
-  }
-  std::fputs(fmt::format("arah: {}\n", line).c_str(), stderr);  // fmt::print would throw where the terminal is gone
-  return code;
-}
-
-}  // namespace
 
 int main(int argc, char** argv) {
   CLI::App program("Animatable avatars from video: capture, train, render, measure.", "arah");
@@ -53,17 +27,7 @@ int main(int argc, char** argv) {
     if (error.get_exit_code() == 0) return program.exit(error);  // --help, --version
     const auto called = program.get_subcommands();
     const std::string word = called.empty() ? "" : " " + called.front()->get_name();
-    return report(fmt::format("{}. See: arah{} --help", error.what(), word), kWrongCall);
+    return arah::report_error("arah", fmt::format("{}. See: arah{} --help", error.what(), word), arah::kWrongCall);
   }
-  try {
-    return run();
-  } catch (const arah::InputError& error) {
-    return report(error.what(), kWrongCall);
-  } catch (const arah::MemoryCeilingError& error) {
-    return report(error.what(), kWrongCall);
-  } catch (const std::bad_alloc&) {
-    return report("the machine's memory is used up. Use fewer rays a chunk, a smaller picture, or --memory.", kFailed);
-  } catch (const std::exception& error) {
-    return report(error.what(), kFailed);
-  }
+  return arah::outcome_of("arah", run);
 }

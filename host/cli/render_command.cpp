@@ -87,8 +87,8 @@ int render(const Options& options) {
   settings.normals = std::find(options.layers.begin(), options.layers.end(), "normal") != options.layers.end();
   Renderer renderer(device, avatar, settings);
   Progress progress("render", 1.0, "");
-  const Picture picture = renderer.render(view.camera, view.pose, view.latent_row, [&](double part, const Picture&) {
-    progress.update(part);
+  const Picture picture = renderer.render(view.camera, view.pose, view.latent_row, [&](const PictureSoFar& so_far) {
+    progress.update(so_far.part);
     return true;
   });
   const std::vector<fs::path> files = layer_files(options);

@@ -89,7 +89,7 @@ bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::fu
     const AnimationFrame& frame = animation_.frames[f];
     Picture picture;
     try {
-      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](double part, const Picture&) { return progress(double(there) + part); });
+      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](const PictureSoFar& so_far) { return progress(double(there) + so_far.part); });
     } catch (const RenderingStopped&) {
       return false;
     }

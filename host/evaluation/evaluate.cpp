@@ -142,8 +142,8 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                        "Check cameras and poses with arah inspect, or leave the camera out with --cameras.");
     const RootFindingCounts before = renderer.root_finder().counts();
     const Picture picture = renderer.render(
-        camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](double part, const Picture&) {
-          return !progress || progress((static_cast<double>(i) + part) / static_cast<double>(chosen.size()));
+        camera, pose, avatar.spec.latent_size > 0 ? latent_row(avatar, place.frame) : 0, [&](const PictureSoFar& so_far) {
+          return !progress || progress((static_cast<double>(i) + so_far.part) / static_cast<double>(chosen.size()));
         });
     const std::vector<float> truth = rgb_on_black(photograph);
     const int w = camera.width, h = camera.height;

@@ -48,11 +48,12 @@ void BakedDistances::make_room_for_points(uint32_t at_a_time) {
   if (points_.bytes() < padded_points(at_a_time) * 16ull) points_ = Buffer(device_, "baked distances: points asked for", padded_points(at_a_time) * 16ull, BufferPlace::device);
 }
 
-void BakedDistances::evaluate(Commands& commands, Field& field, const BufferSlice& frame, const std::vector<uint32_t>& nodes) {
+void BakedDistances::evaluate(Commands& commands, Field& field, const BufferSlice& frame, const std::vector<uint32_t>& nodes, const std::function<void()>& between) {
   const uint32_t room = field.capacity();
   make_room_for_points(room);
   const auto metres = static_cast<float>(avatar_.cube.metres_per_unit());
   for (size_t first = 0; first < nodes.size(); first += room) {
+    if (between) between();
     const auto count = static_cast<uint32_t>(std::min<size_t>(room, nodes.size() - first));
     std::vector<std::array<float, 4>> points(padded_points(count), {0, 0, 0, 0});
     for (uint32_t i = 0; i < count; ++i) {
@@ -85,7 +86,7 @@ void BakedDistances::interpolate_cell(const glm::ivec3& first, int edge) {
     }
 }
 
-void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& frame) {
+void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& frame, const std::function<void()>& between) {
   const uint32_t nodes = node_count(grid_);
   samples_.values.assign(nodes, 0);
   known_.assign(nodes, 0);
@@ -106,7 +107,7 @@ void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& f
         if (std::abs(rough) < static_cast<float>(rough_reach)) ask(at);
         if (x + 1 < coarse_nodes_.x && y + 1 < coarse_nodes_.y && z + 1 < coarse_nodes_.z) cells.push_back(at);
       }
-  evaluate(commands, field, frame, asked);
+  evaluate(commands, field, frame, asked, between);
   for (const glm::ivec3& cell : cells) interpolate_cell(cell, coarse_edge);
 
   for (int edge = coarse_edge; edge > 1; edge /= 2) {
@@ -123,7 +124,7 @@ void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& f
       for (int i = 0; i < 27; ++i) ask(cell + half * glm::ivec3(i % 3, i / 3 % 3, i / 9));
       for (int i = 0; i < 8; ++i) finer.push_back(cell + half * glm::ivec3(i & 1, i >> 1 & 1, i >> 2));
     }
-    evaluate(commands, field, frame, asked);
+    evaluate(commands, field, frame, asked, between);
     if (half > 1)
       for (const glm::ivec3& cell : finer) interpolate_cell(cell, half);
     cells = std::move(finer);

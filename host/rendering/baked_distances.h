@@ -2,6 +2,8 @@
 // coarser beyond. What a picture reads instead of the network (knob `distances`), and what the surface's mesh is made of.
 #pragma once
 
+#include <functional>
+
 #include "host/avatar/avatar.h"
 #include "host/capture/implicit_surface.h"
 #include "host/rendering/field.h"
@@ -19,8 +21,9 @@ class BakedDistances {
   // Asks the network, as it is packed now, from coarse to fine: nodes four cells apart where the canonical template is within
   // 6 cm, then halves of the cells that may come near the surface (10 b, at most 1 cm). The rest is interpolated; beyond the coarse
   // nodes the template's own distance stands. `field`: any that has room for some thousand points. Submits.
+  // `between`: called before each chunk of points; what it throws passes, and nothing is baked.
   void make_room_for_points(uint32_t at_a_time);  // by bake() itself otherwise
-  void bake(Commands& commands, Field& field, const BufferSlice& frame);
+  void bake(Commands& commands, Field& field, const BufferSlice& frame, const std::function<void()>& between = {});
 
   // Distances in the cube's units, as the network gives them.
   DistanceNodes nodes() { return {grid_, distances_.slice()}; }
@@ -29,7 +32,7 @@ class BakedDistances {
   uint64_t bytes() const { return distances_.bytes(); }
 
  private:
-  void evaluate(Commands& commands, Field& field, const BufferSlice& frame, const std::vector<uint32_t>& nodes);
+  void evaluate(Commands& commands, Field& field, const BufferSlice& frame, const std::vector<uint32_t>& nodes, const std::function<void()>& between);
   void interpolate_cell(const glm::ivec3& first, int edge);
 
   Device& device_;

@@ -43,11 +43,12 @@ CorrespondenceGrid::CorrespondenceGrid(Device& device, FrameOnDevice& frame, con
   device.upload(canonical_.slice(), std::vector<float>(canonical_.bytes() / 4, 0.0f));
 }
 
-void CorrespondenceGrid::solve(Commands& commands, PointRootFinder& finder, FrameOnDevice& frame, const RootFindingSettings& settings) {
+void CorrespondenceGrid::solve(Commands& commands, PointRootFinder& finder, FrameOnDevice& frame, const RootFindingSettings& settings, const std::function<void()>& between) {
   RootFindingSettings own = settings;
   own.correspondence = Correspondence::search;
   const RootFindingCounts before = finder.counts();
   for (uint32_t first = 0; first < count_; first += finder.capacity()) {
+    if (between) between();
     const uint32_t points = std::min(finder.capacity(), count_ - first);
     const uint64_t bytes = uint64_t(padded_points(points)) * 16;
     finder.solve(commands, frame, points, targets_.slice().sub(first * 16ull, bytes), canonical_.slice().sub((uint64_t(point_padding) + first) * 16, bytes), own);

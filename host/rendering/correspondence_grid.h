@@ -3,6 +3,8 @@
 // every 2.5 cm serves; where parts meet, the grid cannot tell.
 #pragma once
 
+#include <functional>
+
 #include "kernels/tracing/interpolate_correspondences.h"
 #include "kernels/vulkan/commands.h"
 
@@ -19,8 +21,8 @@ class CorrespondenceGrid {
   CorrespondenceGrid(Device& device, FrameOnDevice& frame, const ShellSettings& shell);
 
   // Searches the roots at all nodes, from the nearest posed vertices, with the networks as they are packed now. Submits. The
-  // finder's counts stay as they were.
-  void solve(Commands& commands, PointRootFinder& finder, FrameOnDevice& frame, const RootFindingSettings& settings);
+  // finder's counts stay as they were. `between`: called before each chunk of nodes; what it throws passes, and the grid is not solved.
+  void solve(Commands& commands, PointRootFinder& finder, FrameOnDevice& frame, const RootFindingSettings& settings, const std::function<void()>& between = {});
 
   bool solved() const { return solved_; }
   CorrespondenceNodes nodes() { return {grid_, longest_, slots_.slice(), canonical_.slice()}; }

@@ -49,6 +49,7 @@ struct RenderSettings {
   bool normals = false;
   // Of activations, about: decides how many rays are rendered at a time, fewer where the device's memory ceiling asks for it.
   uint64_t memory_bytes = 300'000'000;
+  uint32_t most_rays = 65536;  // at a time, whatever the memory holds: a picture can be stopped between them
 };
 
 // How pictures of an avatar are sampled exactly: as it was trained (`sampling_mode` and `rendering` of its settings): 64

@@ -18,10 +18,10 @@ namespace arah {
 namespace {
 
 // Rays whose activations fit the memory: floats a sample of the distances' and the root search's tapes.
-uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memory_bytes) {
+uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memory_bytes, uint32_t most_rays) {
   const double bytes_a_ray = 4.0 * samples * (2.0 * spec.sdf.width + 2.0 * spec.skinning.width + 120);
   // no more than 65,536 rows, so that a matrix of 512 channels still fits the 128 MiB that every device binds at once
-  const uint32_t most = 65536 / samples / 64 * 64;
+  const uint32_t most = std::min(65536 / samples, most_rays) / 64 * 64;
   return std::clamp(static_cast<uint32_t>(double(memory_bytes) / bytes_a_ray) / 64 * 64, 64u, std::max(64u, most));
 }
 
@@ -76,7 +76,7 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
 }
 
 uint32_t Renderer::planned_rays() {
-  const uint32_t most = rays_at_a_time(avatar_.spec, sampling_.samples, settings_.memory_bytes);
+  const uint32_t most = rays_at_a_time(avatar_.spec, sampling_.samples, settings_.memory_bytes, settings_.most_rays);
   if (!device_.memory_ceiling()) return most;
   // Of the frames to come, one at a time, with a grid whose nodes all have a root: more than any pose needs.
   const uint64_t frame_bytes = device_.bytes_of([&] {
@@ -107,14 +107,19 @@ Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t lat
 }
 
 Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress) {
+  Picture picture;
+  int rows = 0;
+  const auto report = [&](double done) {
+    if (progress && !progress({done, picture, rows})) throw RenderingStopped();
+  };
+  const auto between = [&] { report(0); };
   commands_.stage("weights");
-  if (avatar_.spec.skinning.kind == Skinning::backward) networks_.record_pose(commands_, posed(pose).joint_rotations());
+  if (avatar_.spec.skinning.kind == Skinning::backward) networks_.record_pose(commands_, posed(pose, between).joint_rotations());
   networks_.record_pack(commands_, latent_row, settings_.shared_sdf ? std::vector<float>{} : pose_input(avatar_, pose));
   commands_.submit_and_wait();
-  FrameOnDevice& frame = posed(pose);
-  bake(frame, latent_row);
+  FrameOnDevice& frame = posed(pose, between);
+  bake(frame, latent_row, between);
 
-  Picture picture;
   picture.width = camera.width;
   picture.height = camera.height;
   const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
@@ -123,9 +128,6 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   picture.depth.assign(pixels, 0);
   if (settings_.normals) picture.normal.assign(3 * pixels, 0);
 
-  const auto report = [&](double done) {
-    if (progress && !progress(done, picture)) throw RenderingStopped();
-  };
   SurfaceHits surface;
   if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * density_scale(avatar_));
   const std::vector<uint32_t> seen = pixels_to_render(frame, camera, surface);
@@ -134,6 +136,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   if (searches_surface()) surface = find_surface(frame, camera, seen, [&](double done) { report(searching * done); });
   const uint32_t chunk = samples_->capacity_rays();
   for (size_t first = 0; first < seen.size(); first += chunk) {
+    rows = static_cast<int>(seen[first] >> 16);
     report(searching + (1 - searching) * double(first) / double(seen.size()));
     render_chunk(frame, camera, {seen.begin() + static_cast<ptrdiff_t>(first), seen.begin() + static_cast<ptrdiff_t>(std::min(seen.size(), first + chunk))}, surface, picture);
   }
@@ -141,24 +144,30 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
 }
 
 // The frame of this pose, with its correspondences where the settings want them.
-FrameOnDevice& Renderer::posed(const Pose& pose) {
+FrameOnDevice& Renderer::posed(const Pose& pose, const std::function<void()>& between) {
   if (frame_ && pose_ == pose) return *frame_;
   frame_.emplace(device_, avatar_, body_, pose, sampling_.shell);
   pose_ = pose;
   if (avatar_.spec.sdf.pose != PoseConditioning::none && !settings_.shared_sdf) baked_row_.reset();
   if (avatar_.spec.skinning.kind == Skinning::network && sampling_.mode != SamplingMode::surface_only && sampling_.root.correspondence != Correspondence::search) {
     frame_->make_correspondences(device_, sampling_.shell);
-    frame_->correspondences()->solve(commands_, samples_->root_finder(), *frame_, sampling_.root);
+    try {
+      frame_->correspondences()->solve(commands_, samples_->root_finder(), *frame_, sampling_.root, between);
+    } catch (...) {
+      frame_.reset();  // half of its roots are not a frame
+      throw;
+    }
   }
   return *frame_;
 }
 
 // With the networks as they are packed now. Unless the SDF follows code or pose the distances are the same for all frames.
-void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row) {
+void Renderer::bake(FrameOnDevice& frame, std::size_t latent_row, const std::function<void()>& between) {
   if (!baked_ || (baked_row_ && (avatar_.spec.sdf.conditioning == SdfConditioning::none || *baked_row_ == latent_row))) return;
   const auto start = std::chrono::steady_clock::now();
   commands_.stage("baking");
-  baked_->bake(commands_, shaded_->field(), frame.constants());
+  baked_row_.reset();
+  baked_->bake(commands_, shaded_->field(), frame.constants(), between);
   if (draws_mesh()) mesh_.emplace(device_, commands_, networks_, avatar_, smooth_net(baked_->samples()), frame.constants());
   baked_row_ = latent_row;
   work_.baking_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

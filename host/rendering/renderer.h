@@ -23,9 +23,14 @@ struct Picture {
   std::vector<float> normal;  // [pixels][3], world axes, Σ w n; empty unless asked for
 };
 
-// The part done, 0..1, and what there is of the picture so far: its rows from the top, every pixel_step-th of them and of the
-// columns. Returns whether to go on.
-using RenderingProgress = std::function<bool(double part, const Picture& so_far)>;
+// What there is of a picture while it is made.
+struct PictureSoFar {
+  double part = 0;         // done, 0..1
+  const Picture& picture;  // with pixel_step s > 1 of every s-th row and column
+  int rows = 0;            // of it, from the top, that are as they will be
+};
+// Returns whether to go on.
+using RenderingProgress = std::function<bool(const PictureSoFar& so_far)>;
 
 class RenderingStopped : public std::runtime_error {
  public:
@@ -39,7 +44,7 @@ class Renderer {
   Renderer(Device& device, const Avatar& avatar, const RenderSettings& settings);
 
   // What belongs to the pose or the code alone (the posed template, its grid of roots, baked distances) is kept for the next
-  // picture. Asks progress between the chunks of rays; throws RenderingStopped where it says so.
+  // picture. Asks progress between the chunks of rays, or of what is made once for a pose or a code; throws RenderingStopped where it says so.
   Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress = {});
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
 
@@ -65,8 +70,8 @@ class Renderer {
   bool searches_surface() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::search; }
   uint32_t planned_rays();
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress);
-  FrameOnDevice& posed(const Pose& pose);
-  void bake(FrameOnDevice& frame, std::size_t latent_row);
+  FrameOnDevice& posed(const Pose& pose, const std::function<void()>& between);
+  void bake(FrameOnDevice& frame, std::size_t latent_row, const std::function<void()>& between);
   SurfaceHits find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);
   std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SurfaceHits& seen);
   void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SurfaceHits& seen, Picture& picture);
