@@ -1,0 +1,244 @@
+#include "viewer/picture_worker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "host/body/shape_space.h"
+#include "host/rendering/render_settings.h"
+
+namespace arah {
+namespace {
+
+constexpr auto kRest = std::chrono::milliseconds(250);       // without an order, before finer pictures are begun
+constexpr auto kBetweenParts = std::chrono::milliseconds(120);  // of a picture that is refined on the screen
+constexpr size_t kMostDrawers = 5;  // the presets and one with changed knobs; each holds the avatar's numbers on the device
+
+// On a CPU device some 50 ms of work, so that an order never waits for long; on a GPU these are over in a moment.
+constexpr uint32_t kRaysOnCpu = 256;
+
+double since(std::chrono::steady_clock::time_point start) { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
+
+// Rows from the top of `to` as in `from`, a picture of the same size. What one of them lacks stays as it is.
+void take_rows(Picture& to, const Picture& from, int rows) {
+  const auto take = [&](std::vector<float>& into, const std::vector<float>& out, size_t channels) {
+    const size_t count = static_cast<size_t>(rows) * static_cast<size_t>(to.width) * channels;
+    if (into.size() == out.size() && count <= out.size()) std::copy_n(out.begin(), count, into.begin());
+  };
+  take(to.color, from.color, 3);
+  take(to.alpha, from.alpha, 1);
+  take(to.depth, from.depth, 1);
+  take(to.normal, from.normal, 3);
+}
+
+double psnr_of(const std::vector<float>& a, const std::vector<float>& b) {
+  double sum = 0;
+  for (size_t i = 0; i < a.size(); ++i) sum += std::pow(double{a[i]} - double{b[i]}, 2);
+  return sum > 0 ? -10 * std::log10(sum / static_cast<double>(a.size())) : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace
+
+struct PictureWorker::Drawer {
+  std::string key;
+  std::unique_ptr<Renderer> renderer;
+  std::optional<Pose> pose;  // that it drew last
+};
+
+PictureWorker::PictureWorker(Device& device, std::shared_ptr<const Avatar> avatar, double frame_seconds, std::function<void()> ready)
+    : device_(device), ready_(std::move(ready)), frame_seconds_(frame_seconds), next_avatar_(std::move(avatar)) {
+  thread_ = std::thread([this] { run(); });
+}
+
+PictureWorker::~PictureWorker() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+    ++newest_;  // what is drawn is superseded
+  }
+  wake_.notify_all();
+  thread_.join();
+}
+
+uint64_t PictureWorker::order(PictureOrder order) {
+  const std::lock_guard lock(mutex_);
+  next_ = std::move(order);
+  wake_.notify_all();
+  return ++newest_;
+}
+
+void PictureWorker::set_avatar(std::shared_ptr<const Avatar> avatar) {
+  const std::lock_guard lock(mutex_);
+  next_avatar_ = std::move(avatar);
+  wake_.notify_all();
+}
+
+std::optional<DrawnPicture> PictureWorker::take() {
+  const std::lock_guard lock(mutex_);
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+  return std::exchange(drawn_, std::nullopt);
+}
+
+std::string PictureWorker::doing() const {
+  const std::lock_guard lock(mutex_);
+  return doing_;
+}
+
+bool PictureWorker::superseded(uint64_t number) const {
+  const std::lock_guard lock(mutex_);
+  return stopping_ || newest_ != number || next_avatar_;
+}
+
+void PictureWorker::say(const std::string& doing) {
+  const std::lock_guard lock(mutex_);
+  doing_ = doing;
+}
+
+void PictureWorker::publish(DrawnPicture drawn) {
+  {
+    const std::lock_guard lock(mutex_);
+    drawn_ = std::move(drawn);
+  }
+  if (ready_) ready_();
+}
+
+void PictureWorker::run() {
+  for (;;) {
+    uint64_t number = 0;
+    {
+      std::unique_lock lock(mutex_);
+      wake_.wait(lock, [&] { return stopping_ || next_ || (next_avatar_ && last_order_); });
+      if (stopping_) break;
+      if (next_avatar_) {
+        avatar_ = std::exchange(next_avatar_, nullptr);
+        drawers_.clear();
+        shown_ = std::make_unique<Avatar>(*avatar_);
+        moving_.reset();
+        last_pose_.reset();
+      }
+      if (next_) last_order_ = std::exchange(next_, std::nullopt);
+      number = newest_;
+    }
+    try {
+      serve(*last_order_, number);
+    } catch (const RenderingStopped&) {
+    } catch (...) {
+      drawers_.clear();
+      {
+        const std::lock_guard lock(mutex_);
+        failure_ = std::current_exception();
+      }
+      if (ready_) ready_();
+    }
+    say("");
+  }
+  drawers_.clear();
+}
+
+RenderSettings PictureWorker::settings_for(const PictureOrder& order, const Quality& quality) const {
+  RenderSettings settings = render_preset(*shown_, quality.preset);
+  if (quality.preset == order.finest && quality.pixel_step == 1)
+    for (const auto& [knob, value] : order.knobs) set_render_knob(settings, knob, value);
+  settings.normals = order.normals;
+  if (device_.report().type == DeviceType::cpu) settings.most_rays = kRaysOnCpu;
+  return settings;
+}
+
+PictureWorker::Drawer& PictureWorker::drawer_for(const RenderSettings& settings) {
+  const std::string key = render_settings_json(settings) + (settings.normals ? " normals" : "");
+  const auto known = std::find_if(drawers_.begin(), drawers_.end(), [&](const Drawer& drawer) { return drawer.key == key; });
+  if (known != drawers_.end()) {
+    drawers_.splice(drawers_.begin(), drawers_, known);
+    return drawers_.front();
+  }
+  while (drawers_.size() >= kMostDrawers) drawers_.pop_back();
+  drawers_.push_front({key, std::make_unique<Renderer>(device_, *shown_, settings), std::nullopt});
+  return drawers_.front();
+}
+
+Picture PictureWorker::draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress) {
+  Drawer& drawer = drawer_for(settings_for(order, quality));
+  device_.profiler().reset();
+  const int columns = std::max(1, (order.camera.width + quality.pixel_step - 1) / quality.pixel_step);
+  const double pixels = double(order.camera.width) * order.camera.height;
+  const bool new_pose = drawer.pose != order.pose;
+  drawer.pose = last_pose_ = order.pose;
+  drawer.renderer->reset_work();
+  const auto start = Clock::now();
+  Picture picture = drawer.renderer->render(quality.pixel_step == 1 ? order.camera : order.camera.scaled(columns), order.pose, order.latent_row, progress);
+  // What is baked once for a code is not the price of a picture.
+  moving_->took(quality, pixels, new_pose, std::max(0.0, since(start) - drawer.renderer->work().baking_seconds));
+  return picture;
+}
+
+void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
+  const std::vector<double>& shape = order.shape.empty() ? avatar_->body.shape.beta : order.shape;
+  if (shown_->body.shape.beta != shape) {
+    set_shape(shown_->body, shape);
+    for (Drawer& drawer : drawers_) {
+      drawer.renderer->forget_pose();
+      drawer.pose.reset();
+    }
+    last_pose_.reset();
+  }
+  if (!moving_) moving_ = std::make_unique<MovingQuality>(*avatar_, frame_seconds_, order.finest);
+  say("drawing");
+  const auto start = Clock::now();
+  const Quality quality = moving_->choose(double(order.camera.width) * order.camera.height, last_pose_ != order.pose);
+  DrawnPicture drawn;
+  drawn.order = number;
+  drawn.avatar = avatar_;
+  drawn.quality = quality;
+  // Not asked whether something newer came: it is short, and the picture must follow the hand.
+  drawn.picture = std::make_shared<const Picture>(draw(order, quality, {}));
+  drawn.seconds = since(start);
+  for (const auto& [stage, statistics] : device_.profiler().stages()) drawn.stages[stage] = statistics.milliseconds;
+  publish(drawn);
+  {
+    std::unique_lock lock(mutex_);
+    if (wake_.wait_for(lock, kRest, [&] { return stopping_ || next_ || next_avatar_; })) return;
+  }
+  refine(order, number);
+}
+
+void PictureWorker::refine(const PictureOrder& order, uint64_t number) {
+  const std::vector<Quality> steps = refinement(*avatar_, order.finest);
+  std::shared_ptr<const Picture> last;
+  for (size_t i = 0; i < steps.size(); ++i) {
+    say("refining to " + to_string(steps[i]));
+    const auto start = Clock::now();
+    auto told = start;
+    DrawnPicture drawn;
+    drawn.order = number;
+    drawn.avatar = avatar_;
+    drawn.quality = steps[i];
+    const auto progress = [&](const PictureSoFar& so_far) {
+      if (superseded(number)) return false;
+      if (!last || so_far.rows == 0 || Clock::now() - told < kBetweenParts) return true;
+      told = Clock::now();
+      Picture mixed = *last;
+      take_rows(mixed, so_far.picture, so_far.rows);
+      DrawnPicture part = drawn;
+      part.picture = std::make_shared<const Picture>(std::move(mixed));
+      part.part = double(so_far.rows) / so_far.picture.height;
+      part.seconds = since(start);
+      publish(std::move(part));
+      return true;
+    };
+    last = std::make_shared<const Picture>(draw(order, steps[i], progress));
+    drawn.picture = last;
+    drawn.seconds = since(start);
+    drawn.finest = i + 1 == steps.size();
+    for (const auto& [stage, statistics] : device_.profiler().stages()) drawn.stages[stage] = statistics.milliseconds;
+    if (drawn.finest && order.compare_with_exact) {
+      publish(drawn);
+      say("drawing the exact picture");
+      const auto exact_start = Clock::now();
+      const Picture exact = draw(order, {"paper", 1}, [&](const PictureSoFar&) { return !superseded(number); });
+      drawn.exact = ExactComparison{psnr_of(exact.color, last->color), since(exact_start)};
+    }
+    publish(std::move(drawn));
+  }
+}
+
+}  // namespace arah

@@ -1,0 +1,109 @@
+// A thread that draws what is asked for, the newest order first, and refines it while nothing new comes.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "host/rendering/renderer.h"
+#include "viewer/quality.h"
+
+namespace arah {
+
+// What is to be seen.
+struct PictureOrder {
+  Camera camera;
+  Pose pose;
+  std::size_t latent_row = 0;
+  std::vector<double> shape;       // β of the body; empty: the avatar's own
+  bool normals = false;            // what the layer needs of a picture
+  std::string finest = "balanced"; // preset that the picture is refined to at rest
+  std::vector<std::pair<std::string, std::string>> knobs;  // of that preset, changed (set_render_knob())
+  bool compare_with_exact = false; // at rest, the finest picture is also measured against "paper"
+};
+
+// How the finest picture differs from the exact one.
+struct ExactComparison {
+  double psnr = 0;       // dB over the whole picture; infinite where equal
+  double seconds = 0;    // that the exact picture took
+};
+
+struct DrawnPicture {
+  uint64_t order = 0;    // its number
+  std::shared_ptr<const Picture> picture;
+  std::shared_ptr<const Avatar> avatar;
+  Quality quality;       // of the rows from the top that are done; below is the last quality
+  double part = 1;       // of it, 0..1
+  bool finest = false;   // nothing finer follows
+  double seconds = 0;    // so far
+  std::map<std::string, double> stages;  // milliseconds on the device, where the device profiles
+  std::optional<ExactComparison> exact;
+};
+
+class PictureWorker {
+ public:
+  // frame_seconds: what a picture may take while something moves. ready: called from the worker's thread when there is something to take().
+  // The device is the worker's alone from now on, until it is destroyed; its queue may be shared (window_access.h).
+  PictureWorker(Device& device, std::shared_ptr<const Avatar> avatar, double frame_seconds, std::function<void()> ready);
+  ~PictureWorker();
+  PictureWorker(const PictureWorker&) = delete;
+  PictureWorker& operator=(const PictureWorker&) = delete;
+
+  // Draws this from now on; returns its number, 1 upwards.
+  uint64_t order(PictureOrder order);
+  // Another checkpoint of the same person: the last order is drawn anew.
+  void set_avatar(std::shared_ptr<const Avatar> avatar);
+  // The newest picture that was not taken yet. Throws what drawing threw: InputError for knobs that do not go together, a lost device.
+  std::optional<DrawnPicture> take();
+  // In a few words what the worker does ("drawing", "shader …"), empty at rest.
+  std::string doing() const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Drawer;  // a renderer with the settings that it was made for
+
+  void run();
+  void serve(const PictureOrder& order, uint64_t number);
+  void refine(const PictureOrder& order, uint64_t number);
+  bool superseded(uint64_t number) const;
+  RenderSettings settings_for(const PictureOrder& order, const Quality& quality) const;
+  Drawer& drawer_for(const RenderSettings& settings);
+  Picture draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress);
+  void publish(DrawnPicture drawn);
+  void say(const std::string& doing);
+
+  Device& device_;
+  std::function<void()> ready_;
+  double frame_seconds_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable wake_;
+  bool stopping_ = false;
+  std::shared_ptr<const Avatar> next_avatar_;
+  std::optional<PictureOrder> next_;
+  uint64_t newest_ = 0;
+  std::optional<DrawnPicture> drawn_;
+  std::exception_ptr failure_;
+  std::string doing_;
+
+  // The thread's own.
+  std::shared_ptr<const Avatar> avatar_;  // as trained
+  std::unique_ptr<Avatar> shown_;         // in the shape that is ordered
+  std::list<Drawer> drawers_;             // last used first
+  std::unique_ptr<MovingQuality> moving_;
+  std::optional<PictureOrder> last_order_;
+  std::optional<Pose> last_pose_;         // that was drawn
+  std::thread thread_;
+};
+
+}  // namespace arah

@@ -1,0 +1,74 @@
+#include "viewer/window.h"
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <stdexcept>
+
+namespace arah {
+namespace {
+
+std::runtime_error no_window(const std::string& what) {
+  const char* reason = nullptr;
+  glfwGetError(&reason);
+  return std::runtime_error(fmt::format("no window: {}{}{}. arah render and arah animate need no display; without a screen: xvfb-run -s '-screen 0 1280x800x24' arah-view ...", what, reason ? ": " : "", reason ? reason : ""));
+}
+
+}  // namespace
+
+Window::Window(const std::string& title, int width, int height) {
+  if (!glfwInit()) throw no_window("there is no display");
+  if (!glfwVulkanSupported()) {
+    const std::runtime_error error = no_window("GLFW finds no Vulkan loader that can draw here");
+    glfwTerminate();
+    throw error;
+  }
+  uint32_t count = 0;
+  const char** names = glfwGetRequiredInstanceExtensions(&count);
+  if (!names) {
+    const std::runtime_error error = no_window("no Vulkan driver draws to this display");
+    glfwTerminate();
+    throw error;
+  }
+  extensions_.assign(names, names + count);
+  glfwWindowHint(GLFW_CLIENT_API, GLFW_NO_API);
+  glfwWindowHint(GLFW_SCALE_TO_MONITOR, GLFW_TRUE);
+  handle_ = glfwCreateWindow(width, height, title.c_str(), nullptr, nullptr);
+  if (!handle_) {
+    const std::runtime_error error = no_window(fmt::format("{} x {} could not be opened", width, height));
+    glfwTerminate();
+    throw error;
+  }
+}
+
+Window::~Window() {
+  glfwDestroyWindow(handle_);
+  glfwTerminate();
+}
+
+FramebufferSize Window::framebuffer() const {
+  FramebufferSize size;
+  glfwGetFramebufferSize(handle_, &size.width, &size.height);
+  return size;
+}
+
+double Window::scale() const {
+  float x = 1, y = 1;
+  glfwGetWindowContentScale(handle_, &x, &y);
+  return std::clamp(double{std::max(x, y)}, 0.5, 8.0);
+}
+
+bool Window::closing() const { return glfwWindowShouldClose(handle_); }
+void Window::close() { glfwSetWindowShouldClose(handle_, GLFW_TRUE); }
+void Window::resize(int width, int height) { glfwSetWindowSize(handle_, width, height); }
+void Window::set_title(const std::string& title) { glfwSetWindowTitle(handle_, title.c_str()); }
+void Window::wait(double seconds) const {
+  if (seconds > 0) glfwWaitEventsTimeout(seconds);
+  else glfwPollEvents();
+}
+void Window::wake() { glfwPostEmptyEvent(); }
+
+}  // namespace arah
