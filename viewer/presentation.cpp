@@ -18,7 +18,7 @@
 namespace arah {
 namespace {
 
-constexpr size_t kFramesAtOnce = 2;  // one is drawn while the other is shown
+constexpr uint32_t kFramesAtOnce = 2;  // one is drawn while the other is shown
 constexpr VkClearColorValue kBackground{{0.11f, 0.11f, 0.12f, 1.0f}};
 
 struct HostImage {  // an image on the device and the memory that pictures come through
@@ -79,7 +79,6 @@ struct Presentation::State {
   size_t next = 0;
   HostImage picture;
   uint64_t on_device = 0;  // number of the picture that the image holds
-  bool panels_ready = false;
 
   void wait_idle() const {
     const std::lock_guard lock(*vulkan.queue_mutex);
@@ -187,12 +186,44 @@ Presentation::Presentation(Device& device, const Window& window) : state_(std::m
     const VkSemaphoreCreateInfo semaphore{VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO};
     check(vkCreateSemaphore(s.vulkan.device, &semaphore, nullptr, &frame.acquired), "semaphore");
   }
+  make_panels();
+}
+
+void Presentation::make_panels() {
+  State& s = *state_;
+  ImGui_ImplVulkan_InitInfo panels{};
+  panels.Instance = s.vulkan.instance;
+  panels.PhysicalDevice = s.vulkan.physical;
+  panels.Device = s.vulkan.device;
+  panels.QueueFamily = s.vulkan.queue_family;
+  panels.Queue = s.vulkan.queue;
+  panels.DescriptorPool = s.descriptors;
+  panels.MinImageCount = panels.ImageCount = kFramesAtOnce;  // so many sets of vertices, whatever the swapchain has
+  panels.MSAASamples = VK_SAMPLE_COUNT_1_BIT;
+  panels.CheckVkResultFn = check_imgui;
+  ImGui_ImplVulkan_Init(&panels, s.pass);
+  // The font's texture, once.
+  Frame& frame = s.frames[0];
+  VkCommandBufferBeginInfo begin{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
+  begin.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
+  check(vkBeginCommandBuffer(frame.commands, &begin), "recording the font");
+  ImGui_ImplVulkan_CreateFontsTexture(frame.commands);
+  check(vkEndCommandBuffer(frame.commands), "recording the font");
+  VkSubmitInfo submit{VK_STRUCTURE_TYPE_SUBMIT_INFO};
+  submit.commandBufferCount = 1;
+  submit.pCommandBuffers = &frame.commands;
+  {
+    const std::lock_guard lock(*s.vulkan.queue_mutex);
+    check(vkQueueSubmit(s.vulkan.queue, 1, &submit, VK_NULL_HANDLE), "uploading the font");
+    check(vkQueueWaitIdle(s.vulkan.queue), "uploading the font");
+  }
+  ImGui_ImplVulkan_DestroyFontUploadObjects();
 }
 
 Presentation::~Presentation() {
   State& s = *state_;
   s.wait_idle();
-  if (s.panels_ready) ImGui_ImplVulkan_Shutdown();
+  ImGui_ImplVulkan_Shutdown();
   drop_swapchain();
   s.drop(s.picture);
   for (Frame& frame : s.frames) {
@@ -275,37 +306,6 @@ void Presentation::make_swapchain() {
     const VkSemaphoreCreateInfo semaphore{VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO};
     check(vkCreateSemaphore(s.vulkan.device, &semaphore, nullptr, &target.drawn), "semaphore");
   }
-  if (s.panels_ready) return ImGui_ImplVulkan_SetMinImageCount(info.minImageCount);
-
-  ImGui_ImplVulkan_InitInfo panels{};
-  panels.Instance = s.vulkan.instance;
-  panels.PhysicalDevice = s.vulkan.physical;
-  panels.Device = s.vulkan.device;
-  panels.QueueFamily = s.vulkan.queue_family;
-  panels.Queue = s.vulkan.queue;
-  panels.DescriptorPool = s.descriptors;
-  panels.MinImageCount = info.minImageCount;
-  panels.ImageCount = std::max(count, info.minImageCount);
-  panels.MSAASamples = VK_SAMPLE_COUNT_1_BIT;
-  panels.CheckVkResultFn = check_imgui;
-  ImGui_ImplVulkan_Init(&panels, s.pass);
-  s.panels_ready = true;
-  // The font's texture, once.
-  Frame& frame = s.frames[0];
-  VkCommandBufferBeginInfo begin{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
-  begin.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
-  check(vkBeginCommandBuffer(frame.commands, &begin), "recording the font");
-  ImGui_ImplVulkan_CreateFontsTexture(frame.commands);
-  check(vkEndCommandBuffer(frame.commands), "recording the font");
-  VkSubmitInfo submit{VK_STRUCTURE_TYPE_SUBMIT_INFO};
-  submit.commandBufferCount = 1;
-  submit.pCommandBuffers = &frame.commands;
-  {
-    const std::lock_guard lock(*s.vulkan.queue_mutex);
-    check(vkQueueSubmit(s.vulkan.queue, 1, &submit, VK_NULL_HANDLE), "uploading the font");
-    check(vkQueueWaitIdle(s.vulkan.queue), "uploading the font");
-  }
-  ImGui_ImplVulkan_DestroyFontUploadObjects();
 }
 
 void Presentation::set_picture(ScreenPicture picture) {

@@ -49,6 +49,7 @@ class Presentation {
 
  private:
   struct State;
+  void make_panels();
   void make_swapchain();
   void drop_swapchain();
   void make_picture_image();

@@ -3,11 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "host/rendering/render_settings.h"
 
 namespace arah {
+namespace {
+
+constexpr double kNextPreset = 4;  // about what each preset costs more than the quicker one (docs/decisions/render-presets.md)
+
+}  // namespace
 
 std::string to_string(const Quality& quality) { return quality.pixel_step == 1 ? quality.preset : fmt::format("{} 1/{}", quality.preset, quality.pixel_step); }
 
@@ -47,9 +53,9 @@ double MovingQuality::expected(const Quality& quality, double pixels, bool new_p
     const auto found = known_.find({asked, pose});
     return found == known_.end() ? -1 : found->second.seconds * pixels / found->second.pixels;
   };
-  constexpr double step = 4;
   double factor = 1;
-  for (auto at = std::find(choices_.begin(), choices_.end(), quality); at != choices_.end(); ++at, factor *= step) {
+  for (auto at = std::find(choices_.begin(), choices_.end(), quality); at != choices_.end(); ++at) {
+    if (*at != quality) factor *= at->preset == (at - 1)->preset ? std::pow(double(at->pixel_step) / (at - 1)->pixel_step, 2) : kNextPreset;
     // A new pose is more work, never less.
     const double fresh = seconds(*at, true), same = seconds(*at, false);
     if (new_pose && fresh >= 0) return factor * std::max(fresh, same);

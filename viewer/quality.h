@@ -34,8 +34,8 @@ class MovingQuality {
   // pixels: of the whole picture, before pixel_step. new_pose: whether the body moved since the last picture of this quality.
   void took(const Quality& quality, double pixels, bool new_pose, double seconds);
   // The finest quality that is expected to take no more than the budget; the coarsest where none does. Nothing is known at first:
-  // the coarsest. What was never tried is expected to take four times the next coarser one, about what the step from one to the next
-  // costs (docs/decisions/render-presets.md). A finer quality than the last choice must leave a quarter of the budget free.
+  // the coarsest. What was never tried is expected to take as much longer than the next coarser one as it has more pixels, or four
+  // times as long, about what the step from one preset to the next costs. A finer quality than the last choice must leave a quarter of the budget free.
   Quality choose(double pixels, bool new_pose);
   double expected(const Quality& quality, double pixels, bool new_pose) const;  // seconds; infinite where nothing is known
   double budget() const { return budget_; }

@@ -116,7 +116,7 @@ void add_extrinsics(std::vector<Correction>& list) {
                                             std::tuple{"T of cameras.json is the camera's place in the world, where -R times that place belongs", "T = -R times that place", from_place},
                                             std::tuple{"R and T of cameras.json go from the camera to the world, where world to camera belongs", "both inverted", invert}}) {
     add(cause, undone, undo);
-    add(fmt::format("{}; and {}", cause, opengl), fmt::format("{} and {}", undone, turned), [undo, turn_over](Camera& camera) {
+    add(fmt::format("{}; and {}", cause, opengl), fmt::format("{} and {}", undone, turned), [undo = undo, turn_over](Camera& camera) {  // a binding by its own name is C++20, which Clang 14 does not know
       undo(camera);
       turn_over(camera);
     });
