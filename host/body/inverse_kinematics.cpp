@@ -16,9 +16,9 @@ constexpr double kThere = 1e-12;      // of the chain's length
 constexpr double kAstray = 1e-6;      // of the pull that a turn could follow
 constexpr double kBend = 0.01;        // radians
 
-std::size_t at(int joint) { return static_cast<std::size_t>(joint); }
+std::size_t joint_slot(int joint) { return static_cast<std::size_t>(joint); }
 
-bool finite(const glm::dvec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+bool is_finite_vector(const glm::dvec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 // Of any finite vector that is not 0, however long or short.
 glm::dvec3 direction_of(const glm::dvec3& v) { return glm::normalize(v / std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)})); }
@@ -30,7 +30,7 @@ glm::dvec3 across(const glm::dvec3& v) {
   return glm::normalize(glm::cross(v, axis));
 }
 
-glm::dmat3 cross_matrix(const glm::dvec3& v) { return {0.0, v.z, -v.y, -v.z, 0.0, v.x, v.y, -v.x, 0.0}; }
+glm::dmat3 cross_product_matrix(const glm::dvec3& v) { return {0.0, v.z, -v.y, -v.z, 0.0, v.x, v.y, -v.x, 0.0}; }
 
 // The turning joints and the dragged one, which follows them.
 class Chain {
@@ -39,19 +39,19 @@ class Chain {
     const std::vector<glm::dmat4> frames = forward_kinematics(skeleton, pose);
     const glm::dvec3 shift = root_translation(skeleton, pose);
     for (auto j = turning.rbegin(); j != turning.rend(); ++j) {
-      rotations_.emplace_back(frames[at(*j)]);
-      joints_.push_back(glm::dvec3(frames[at(*j)][3]) + shift);
+      rotations_.emplace_back(frames[joint_slot(*j)]);
+      joints_.push_back(glm::dvec3(frames[joint_slot(*j)][3]) + shift);
       const int below = std::next(j) == turning.rend() ? joint : *std::next(j);
-      bones_.push_back(skeleton.rest_joints[at(below)] - skeleton.rest_joints[at(*j)]);
+      bones_.push_back(skeleton.rest_joints[joint_slot(below)] - skeleton.rest_joints[joint_slot(*j)]);
       longest_ = std::max(longest_, glm::length(bones_.back()));
       length_ += glm::length(bones_.back());
     }
-    joints_.push_back(glm::dvec3(frames[at(joint)][3]) + shift);
+    joints_.push_back(glm::dvec3(frames[joint_slot(joint)][3]) + shift);
   }
 
   double length() const { return length_; }
   const std::vector<glm::dmat3>& rotations() const { return rotations_; }  // joint → world, from above, as the turning joints
-  bool finite_everywhere() const { return std::all_of(joints_.begin(), joints_.end(), finite); }
+  bool finite_everywhere() const { return std::all_of(joints_.begin(), joints_.end(), is_finite_vector); }
 
   // The nearest point to `target` in the shell between what the chain reaches folded and straight.
   glm::dvec3 reachable(const glm::dvec3& target) const {
@@ -125,16 +125,16 @@ glm::dvec3 axis_angle_near(const glm::dmat3& rotation, const glm::dvec3& near) {
 
 Pose turned_in_world(const Skeleton& skeleton, const Pose& pose, int joint, const glm::dvec3& turn) {
   const std::vector<glm::dmat4> frames = forward_kinematics(skeleton, pose);
-  const int parent = skeleton.parents.at(at(joint));
-  const glm::dmat3 above = parent < 0 ? glm::dmat3(1.0) : glm::dmat3(frames[at(parent)]);
+  const int parent = skeleton.parents.at(joint_slot(joint));
+  const glm::dmat3 above = parent < 0 ? glm::dmat3(1.0) : glm::dmat3(frames[joint_slot(parent)]);
   Pose turned = pose;
-  turned.theta[at(joint)] = axis_angle_near(glm::transpose(above) * rotation_from_axis_angle(turn) * glm::dmat3(frames[at(joint)]), pose.theta[at(joint)]);
+  turned.theta[joint_slot(joint)] = axis_angle_near(glm::transpose(above) * rotation_from_axis_angle(turn) * glm::dmat3(frames[joint_slot(joint)]), pose.theta[joint_slot(joint)]);
   return turned;
 }
 
 std::vector<int> turning_joints(const Skeleton& skeleton, int joint, int most) {
   std::vector<int> turning;
-  for (int j = skeleton.parents.at(at(joint)); j >= 0 && static_cast<int>(turning.size()) < most; j = skeleton.parents[at(j)]) {
+  for (int j = skeleton.parents.at(joint_slot(joint)); j >= 0 && static_cast<int>(turning.size()) < most; j = skeleton.parents[joint_slot(j)]) {
     const bool ends = j == 0 || std::count(skeleton.parents.begin(), skeleton.parents.end(), j) > 1;
     if (ends && !turning.empty()) break;
     turning.push_back(j);
@@ -146,13 +146,13 @@ std::vector<int> turning_joints(const Skeleton& skeleton, int joint, int most) {
 std::vector<glm::dmat3> joint_jacobian(const Skeleton& skeleton, const Pose& pose, int joint, std::span<const int> turning) {
   const std::vector<glm::dvec3> joints = posed_joints(skeleton, pose);
   std::vector<glm::dmat3> jacobian;
-  for (const int j : turning) jacobian.push_back(-cross_matrix(joints.at(at(joint)) - joints.at(at(j))));
+  for (const int j : turning) jacobian.push_back(-cross_product_matrix(joints.at(joint_slot(joint)) - joints.at(joint_slot(j))));
   return jacobian;
 }
 
 Pose dragged(const Skeleton& skeleton, const Pose& pose, int joint, const glm::dvec3& target, int most_turning) {
   const std::vector<int> turning = turning_joints(skeleton, joint, most_turning);
-  if (!finite(target)) return pose;
+  if (!is_finite_vector(target)) return pose;
   Pose result = pose;
   if (joint == 0) {
     result.root_position = target;
@@ -170,12 +170,12 @@ Pose dragged(const Skeleton& skeleton, const Pose& pose, int joint, const glm::d
     moved = true;
   }
   if (!moved) return pose;
-  const int top = skeleton.parents[at(turning.back())];
-  glm::dmat3 above = top < 0 ? glm::dmat3(1.0) : glm::dmat3(forward_kinematics(skeleton, pose)[at(top)]);
+  const int top = skeleton.parents[joint_slot(turning.back())];
+  glm::dmat3 above = top < 0 ? glm::dmat3(1.0) : glm::dmat3(forward_kinematics(skeleton, pose)[joint_slot(top)]);
   for (std::size_t i = 0; i < turning.size(); ++i) {
-    glm::dvec3& theta = result.theta[at(turning[turning.size() - 1 - i])];
+    glm::dvec3& theta = result.theta[joint_slot(turning[turning.size() - 1 - i])];
     theta = axis_angle_near(glm::transpose(above) * chain.rotations()[i], theta);
-    if (!finite(theta)) return pose;  // bones of lengths whose squares no double holds
+    if (!is_finite_vector(theta)) return pose;  // bones of lengths whose squares no double holds
     above = chain.rotations()[i];
   }
   return result;
