@@ -5,11 +5,11 @@
 #include <cctype>
 #include <cmath>
 #include <glm/geometric.hpp>
-#include <glm/gtc/quaternion.hpp>
 #include <glm/matrix.hpp>
 #include <optional>
 #include <span>
 
+#include "host/body/pose_blend.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -161,10 +161,6 @@ RestCorrections rest_corrections(const Skeleton& source, std::span<const NamedJo
   return result;
 }
 
-glm::dquat as_quaternion(const glm::dvec3& axis_angle) {
-  return glm::quat_cast(rotation_from_axis_angle(axis_angle));
-}
-
 void number_frames(Motion& motion) {
   for (std::size_t f = 0; f < motion.frames.size(); ++f) motion.frames[f].number = static_cast<int>(f);
 }
@@ -312,12 +308,7 @@ Motion resampled(const Motion& motion, double frames_per_second, const std::stri
     const MotionFrame& b = motion.frames[std::min(before + 1, last)];
     const double part = at - static_cast<double>(before);
     MotionFrame frame = a;
-    if (part > 0.0) {
-      frame.pose.root_position = glm::mix(a.pose.root_position, b.pose.root_position, part);
-      for (std::size_t j = 0; j < frame.pose.theta.size(); ++j) {
-        frame.pose.theta[j] = axis_angle_from_rotation(glm::mat3_cast(glm::slerp(as_quaternion(a.pose.theta[j]), as_quaternion(b.pose.theta[j]), part)));
-      }
-    }
+    frame.pose = blended(a.pose, b.pose, part);
     result.frames.push_back(std::move(frame));
   }
   number_frames(result);
