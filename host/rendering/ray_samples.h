@@ -50,6 +50,9 @@ struct SamplingSettings {
   RootFindingSettings root;
 };
 
+// Of a pixel (column | row << 16) in a picture of so many columns.
+constexpr std::size_t pixel_index(uint32_t pixel, int width) { return static_cast<std::size_t>(pixel >> 16) * static_cast<std::size_t>(width) + (pixel & 0xffff); }
+
 const char* to_string(SamplingMode mode);
 const char* to_string(SurfaceSource source);
 
@@ -92,6 +95,7 @@ class RaySamples {
   BufferSlice depths() { return depths_.slice(); }        // float by row
   BufferSlice deltas() { return deltas_.slice(); }        // float by row; surface, uniform: compositing writes them
   DeltaMode delta_mode() const { return has_gaps() ? DeltaMode::differences : DeltaMode::given; }
+  BufferSlice points() { return points_.slice(); }        // vec4 by row: posed, without the root translation; w > 0: wanted, 0: no sample, EMPTY (shared/empty_sample.h)
   BufferSlice canonical() { return canonical_.slice(); }  // vec4 by row; w = 1 where a correspondence was found
   const PointRootFinder& root_finder() const { return finder_; }
   PointRootFinder& root_finder() { return finder_; }

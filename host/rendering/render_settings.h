@@ -47,6 +47,7 @@ struct RenderSettings {
   int pixel_step = 1;  // 1 to 16
   Arithmetic arithmetic = Arithmetic::float32;
   bool normals = false;
+  bool inspect = false;  // Picture::inspection too; the picture stays the same
   // Of activations, about: decides how many rays are rendered at a time, fewer where the device's memory ceiling asks for it.
   uint64_t memory_bytes = 300'000'000;
   uint32_t most_rays = 65536;  // at a time, whatever the memory holds: a picture can be stopped between them

@@ -30,9 +30,6 @@ uint32_t rays_at_a_time(const AvatarSpec& spec, uint32_t samples, uint64_t memor
 constexpr uint32_t most_shaded_at_a_time = 8192;
 constexpr uint32_t searched_at_a_time(uint32_t rays) { return std::min(4 * rays, 4096u); }
 
-// Of a pixel (column | row << 16) in a picture of so many columns.
-size_t pixel_index(uint32_t pixel, int width) { return static_cast<size_t>(pixel >> 16) * static_cast<size_t>(width) + (pixel & 0xffff); }
-
 // A smaller picture between whose pixels the others are interpolated; depths and what is behind an edge come from the nearest.
 Picture enlarged(const Picture& small, int width, int height) {
   Picture picture;
@@ -50,6 +47,7 @@ Picture enlarged(const Picture& small, int width, int height) {
   picture.alpha = resized(small.alpha, 1, cv::INTER_LINEAR);
   picture.depth = resized(small.depth, 1, cv::INTER_NEAREST);
   picture.normal = resized(small.normal, 3, cv::INTER_LINEAR);
+  if (small.inspection) picture.inspection = small.inspection->enlarged(small.width, small.height, width, height);
   return picture;
 }
 
@@ -71,6 +69,7 @@ Renderer::Renderer(Device& device, const Avatar& avatar, const RenderSettings& s
   if (bakes()) baked_.emplace(device, avatar, settings.bake_cell);
   if (searches_surface()) surface_finder_.emplace(device, networks_, searched_at_a_time(rays_));
   samples_.emplace(device, networks_, rays_, sampling_);
+  if (settings.inspect) samples_->root_finder().note_steps();
   if (settings.half_width_b > 0) samples_->set_half_width(std::min(sampling_.half_width, settings.half_width_b * density_scale(avatar)));
   shaded_.emplace(device, networks_, rays_, sampling_.samples, most_shaded_at_a_time, settings.normals, settings.arithmetic);
 }
@@ -127,6 +126,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
   picture.alpha.assign(pixels, 0);
   picture.depth.assign(pixels, 0);
   if (settings_.normals) picture.normal.assign(3 * pixels, 0);
+  if (settings_.inspect) picture.inspection.emplace(pixels);
 
   SurfaceHits surface;
   if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * density_scale(avatar_));
@@ -222,6 +222,7 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
     samples_->set_surface(hits);
   }
   samples_->place(commands_, frame, rays, {});
+  if (settings_.inspect) inspector_.note_placed(device_, commands_, *samples_, rays);
   ShadedRays::Options options{settings_.least_weight, settings_.normals, {}, settings_.color_groups};
   if (settings_.baked_distances) options.baked = baked_->nodes();
   shaded_->record_forward(commands_, frame, *samples_, rays, options);
@@ -229,6 +230,7 @@ void Renderer::render_chunk(FrameOnDevice& frame, const Camera& camera, const st
   work_.samples += samples_->rows(rays);
   work_.shaded += shaded_->queue().shaded();
   commands_.submit_and_wait();
+  if (settings_.inspect) inspector_.note_shaded(device_, *shaded_, pixels, camera.width, *picture.inspection);
 
   using Rgba = std::array<float, 4>;
   const auto colors = device_.download<Rgba>(shaded_->colors().sub(0, rays * 16ull));

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "host/rendering/inspection.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/render_settings.h"
 #include "host/rendering/shaded_rays.h"
@@ -21,6 +22,7 @@ struct Picture {
   std::vector<float> alpha;   // [pixels], Σ w
   std::vector<float> depth;   // [pixels], metres along the ray, Σ w z / Σ w; 0 where alpha < 0.5
   std::vector<float> normal;  // [pixels][3], world axes, Σ w n; empty unless asked for
+  std::optional<Inspection> inspection;  // with RenderSettings::inspect
 };
 
 // What there is of a picture while it is made.
@@ -92,6 +94,7 @@ class Renderer {
   std::optional<std::size_t> baked_row_;     // of latent codes: the one that it stands for
   std::optional<SurfaceMesh> mesh_;          // of these distances
   Work work_;
+  RayInspector inspector_;
   Commands commands_;
 };
 

@@ -64,6 +64,7 @@ void PointRootFinder::solve(Commands& commands, FrameOnDevice& frame, uint32_t p
                             const RootFindingSettings& settings) {
   if (points > capacity_) throw std::invalid_argument(fmt::format("root search of {} points in room for {}", points, capacity_));
   commands.stage("correspondence search");
+  steps_.assign(notes_steps_ ? points : 0, 0);
   const uint64_t bytes = uint64_t(padded_points(points)) * 16;
   if (networks_.spec().skinning.kind == Skinning::none) {
     commands.copy(targets.sub(0, bytes), canonical.sub(0, bytes));
@@ -91,6 +92,7 @@ void PointRootFinder::solve_from_bone(Commands& commands, FrameOnDevice& frame, 
   RootFindingSettings alone = settings;
   alone.correspondence = Correspondence::search;
   commands.stage("correspondence search");
+  steps_.assign(notes_steps_ ? points : 0, 0);
   search(commands, frame, points, targets, canonical, alone, rank);
 }
 
@@ -164,6 +166,9 @@ void PointRootFinder::search(Commands& commands, FrameOnDevice& frame, uint32_t 
     counts_.converged += counts.converged;
     counts_.diverged += counts.diverged;
     counts_.exhausted += counts.exhausted;
+    if (!notes_steps_) return;
+    const auto states = device_.download<std::array<float, 4>>(state_.status().sub(0, points * 16ull));
+    for (size_t i = 0; i < points; ++i) steps_[i] += static_cast<uint32_t>(states[i][1]);
   };
   if (alone) {
     commands.fill(state_.status(), 0);  // no search was started

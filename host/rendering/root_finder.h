@@ -3,6 +3,7 @@
 #pragma once
 
 #include <optional>
+#include <vector>
 
 #include "host/rendering/avatar_networks.h"
 #include "host/rendering/frame_on_device.h"
@@ -64,6 +65,10 @@ class PointRootFinder {
   void solve_from_bone(Commands& commands, FrameOnDevice& frame, uint32_t points, const BufferSlice& targets, const BufferSlice& canonical, const RootFindingSettings& settings, uint32_t rank);
   // Of the last search, vec4 by point: BroydenState::status(), whatever a rescue found after it. Only with a skinning network.
   BufferSlice states() const { return state_.status(); }
+  // For inspection: from the next search on, notes Broyden's steps by point of the last solve, those from all starts together; of
+  // points that were not searched 0. Costs a download each search.
+  void note_steps() { notes_steps_ = true; }
+  const std::vector<uint32_t>& steps() const { return steps_; }
   uint32_t capacity() const { return capacity_; }
   bool searches() const { return networks_.spec().skinning.kind == Skinning::network; }  // there is a skinning network, and its inverse has to be searched
   // Skinning::backward: the targets of the last solve, as long as its caller keeps them.
@@ -95,6 +100,8 @@ class PointRootFinder {
   AvatarNetworks& networks_;
   uint32_t capacity_;
   RootFindingCounts counts_;
+  bool notes_steps_ = false;
+  std::vector<uint32_t> steps_;
   std::optional<DenseTape> tape_;
   BufferSlice targets_;
   std::optional<RootRescue> rescue_;

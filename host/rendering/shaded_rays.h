@@ -45,6 +45,7 @@ class ShadedRays {
   Field& field() { return field_; }
   const Field::Inputs& inputs() const { return inputs_; }
   const ShadingQueue& queue() const { return queue_; }
+  ShadingQueue& queue() { return queue_; }
 
  private:
   ShadedRays(Device& device, AvatarNetworks& networks, uint32_t rays, uint32_t samples, const Field::Shaded& shaded, bool with_gradients, Arithmetic arithmetic);
