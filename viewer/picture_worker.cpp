@@ -1,5 +1,7 @@
 #include "viewer/picture_worker.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -29,6 +31,16 @@ void take_rows(Picture& to, const Picture& from, int rows) {
   take(to.alpha, from.alpha, 1);
   take(to.depth, from.depth, 1);
   take(to.normal, from.normal, 3);
+  if (!to.inspection || !from.inspection) return;
+  const auto count = static_cast<std::ptrdiff_t>(rows) * to.width;
+  const auto take_counts = [&](auto& into, const auto& out) { std::copy(out.begin(), out.begin() + count, into.begin()); };
+  take_counts(to.inspection->canonical, from.inspection->canonical);
+  take_counts(to.inspection->placed, from.inspection->placed);
+  take_counts(to.inspection->wanted, from.inspection->wanted);
+  take_counts(to.inspection->unfound, from.inspection->unfound);
+  take_counts(to.inspection->shaded, from.inspection->shaded);
+  take_counts(to.inspection->steps, from.inspection->steps);
+  take_counts(to.inspection->most_steps, from.inspection->most_steps);
 }
 
 double psnr_of(const std::vector<float>& a, const std::vector<float>& b) {
@@ -79,6 +91,50 @@ std::optional<DrawnPicture> PictureWorker::take() {
   return std::exchange(drawn_, std::nullopt);
 }
 
+void PictureWorker::start(Job job) {
+  const std::lock_guard lock(mutex_);
+  if (job_.running) return;
+  job_ = {job.name, true, 0, ""};
+  job_stopped_ = false;
+  next_job_ = std::move(job);
+  wake_.notify_all();
+}
+
+void PictureWorker::stop_job() {
+  const std::lock_guard lock(mutex_);
+  job_stopped_ = true;
+}
+
+JobState PictureWorker::job() const {
+  const std::lock_guard lock(mutex_);
+  return job_;
+}
+
+void PictureWorker::run_job() {
+  std::optional<Job> job;
+  {
+    const std::lock_guard lock(mutex_);
+    job = std::exchange(next_job_, std::nullopt);
+  }
+  std::string outcome;
+  try {
+    outcome = job->work(device_, *shown_, [&](double part) {
+      const std::lock_guard lock(mutex_);
+      job_.part = part;
+      return !job_stopped_ && !stopping_;
+    });
+  } catch (const std::exception& error) {
+    outcome = fmt::format("{}: {}", job->name, error.what());
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    job_.running = false;
+    job_.outcome = std::move(outcome);
+    if (!next_) next_ = last_order_;  // whose refinement the job may have ended
+  }
+  if (ready_) ready_();
+}
+
 std::string PictureWorker::doing() const {
   const std::lock_guard lock(mutex_);
   return doing_;
@@ -86,7 +142,7 @@ std::string PictureWorker::doing() const {
 
 bool PictureWorker::superseded(uint64_t number) const {
   const std::lock_guard lock(mutex_);
-  return stopping_ || newest_ != number || next_avatar_;
+  return stopping_ || newest_ != number || next_avatar_ || next_job_;
 }
 
 void PictureWorker::say(const std::string& doing) {
@@ -105,9 +161,10 @@ void PictureWorker::publish(DrawnPicture drawn) {
 void PictureWorker::run() {
   for (;;) {
     uint64_t number = 0;
+    bool pictures = true;
     {
       std::unique_lock lock(mutex_);
-      wake_.wait(lock, [&] { return stopping_ || next_ || (next_avatar_ && last_order_); });
+      wake_.wait(lock, [&] { return stopping_ || next_ || (next_avatar_ && last_order_) || (next_job_ && shown_); });
       if (stopping_) break;
       if (next_avatar_) {
         avatar_ = std::exchange(next_avatar_, nullptr);
@@ -117,10 +174,12 @@ void PictureWorker::run() {
         last_pose_.reset();
       }
       if (next_) last_order_ = std::exchange(next_, std::nullopt);
+      else if (next_job_) pictures = false;
       number = newest_;
     }
     try {
-      serve(*last_order_, number);
+      if (pictures) serve(*last_order_, number);
+      else run_job();
     } catch (const RenderingStopped&) {
     } catch (...) {
       drawers_.clear();
@@ -140,12 +199,13 @@ RenderSettings PictureWorker::settings_for(const PictureOrder& order, const Qual
   if (quality.preset == order.finest && quality.pixel_step == 1)
     for (const auto& [knob, value] : order.knobs) set_render_knob(settings, knob, value);
   settings.normals = order.normals;
+  settings.inspect = order.inspection;
   if (device_.report().type == DeviceType::cpu) settings.most_rays = kRaysOnCpu;
   return settings;
 }
 
 PictureWorker::Drawer& PictureWorker::drawer_for(const RenderSettings& settings) {
-  const std::string key = render_settings_json(settings) + (settings.normals ? " normals" : "");
+  const std::string key = render_settings_json(settings) + (settings.normals ? " normals" : "") + (settings.inspect ? " inspection" : "");
   const auto known = std::find_if(drawers_.begin(), drawers_.end(), [&](const Drawer& drawer) { return drawer.key == key; });
   if (known != drawers_.end()) {
     drawers_.splice(drawers_.begin(), drawers_, known);
@@ -196,7 +256,7 @@ void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
   publish(drawn);
   {
     std::unique_lock lock(mutex_);
-    if (wake_.wait_for(lock, kRest, [&] { return stopping_ || next_ || next_avatar_; })) return;
+    if (wake_.wait_for(lock, kRest, [&] { return stopping_ || next_ || next_avatar_ || next_job_; })) return;
   }
   refine(order, number);
 }

@@ -26,7 +26,8 @@ struct PictureOrder {
   Pose pose;
   std::size_t latent_row = 0;
   std::vector<double> shape;       // β of the body; empty: the avatar's own
-  bool normals = false;            // what the layer needs of a picture
+  bool normals = false;            // what the layer needs of a picture, and
+  bool inspection = false;         // (Picture::inspection)
   std::string finest = "balanced"; // preset that the picture is refined to at rest
   std::vector<std::pair<std::string, std::string>> knobs;  // of that preset, changed (set_render_knob())
   bool compare_with_exact = false; // at rest, the finest picture is also measured against "paper"
@@ -50,6 +51,19 @@ struct DrawnPicture {
   std::optional<ExactComparison> exact;
 };
 
+// Longer work that needs the device: a video, a mesh. Returns in a few words what became of it. progress: the part done, 0..1;
+// false: stop, by throwing RenderingStopped or returning.
+struct Job {
+  std::string name;
+  std::function<std::string(Device&, const Avatar&, const std::function<bool(double)>& progress)> work;
+};
+struct JobState {
+  std::string name;      // empty: there was none yet
+  bool running = false;  // or waiting for its turn
+  double part = 0;       // done, 0..1
+  std::string outcome;   // what work() returned or threw, once it is over
+};
+
 class PictureWorker {
  public:
   // frame_seconds: what a picture may take while something moves. ready: called from the worker's thread when there is something to take().
@@ -65,6 +79,10 @@ class PictureWorker {
   void set_avatar(std::shared_ptr<const Avatar> avatar);
   // The newest picture that was not taken yet. Throws what drawing threw: InputError for knobs that do not go together, a lost device.
   std::optional<DrawnPicture> take();
+  // Does the job when the picture in work is drawn; meanwhile no picture is. One at a time: nothing where one is running.
+  void start(Job job);
+  void stop_job();
+  JobState job() const;
   // In a few words what the worker does ("drawing", "shader …"), empty at rest.
   std::string doing() const;
 
@@ -74,6 +92,7 @@ class PictureWorker {
 
   void run();
   void serve(const PictureOrder& order, uint64_t number);
+  void run_job();
   void refine(const PictureOrder& order, uint64_t number);
   bool superseded(uint64_t number) const;
   RenderSettings settings_for(const PictureOrder& order, const Quality& quality) const;
@@ -95,6 +114,9 @@ class PictureWorker {
   std::optional<DrawnPicture> drawn_;
   std::exception_ptr failure_;
   std::string doing_;
+  std::optional<Job> next_job_;
+  JobState job_;
+  bool job_stopped_ = false;
 
   // The thread's own.
   std::shared_ptr<const Avatar> avatar_;  // as trained

@@ -1,0 +1,135 @@
+#include "viewer/scene.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <glm/geometric.hpp>
+
+#include "host/body/pose_blend.h"
+#include "host/evaluation/layers.h"
+#include "host/input_error.h"
+
+namespace arah {
+
+Scene::Scene(std::shared_ptr<const Avatar> avatar, const MotionOptions& options) : avatar_(std::move(avatar)), options_(options), chosen_(chosen_motion(options, *avatar_)), shaped_(avatar_->body) {
+  motion_.split = options.split;
+  motion_.skeleton = avatar_->body.skeleton;
+  motion_.frames = chosen_.frames;
+  motion_.frames_per_second = chosen_.frames_per_second;
+}
+
+void Scene::set_avatar(std::shared_ptr<const Avatar> avatar) {
+  if (avatar->body.skeleton.names != avatar_->body.skeleton.names) throw InputError("the new checkpoint", "", "the skeleton of the one before", "another one");
+  *this = Scene(std::move(avatar), options_);
+}
+
+const std::vector<Camera>& Scene::cameras() const {
+  static const std::vector<Camera> none;
+  return chosen_.capture ? chosen_.capture->cameras : none;
+}
+
+const BodyTemplate& Scene::body_in(const std::vector<double>& shape) const {
+  const std::vector<double>& wanted = shape.empty() ? avatar_->body.shape.beta : shape;
+  if (shaped_.shape.beta != wanted) set_shape(shaped_, wanted);
+  return shaped_;
+}
+
+Viewpoint Scene::front(const Pose& pose) const {
+  Viewpoint viewpoint = viewpoint_around(posed_vertices(avatar_->body, pose), chosen_.up);
+  // Where the body's front, +Z at rest, points now, seen from above; as it is at 0 where the person lies on it.
+  const glm::dvec3 up = chosen_.up == UpAxis::y ? glm::dvec3(0, 1, 0) : glm::dvec3(0, 0, 1);
+  const glm::dvec3 front = chosen_.up == UpAxis::y ? glm::dvec3(0, 0, 1) : glm::dvec3(0, -1, 0);
+  const glm::dvec3 faces = rotation_from_axis_angle(pose.theta[0]) * glm::dvec3(0, 0, 1);
+  const glm::dvec3 level = faces - glm::dot(faces, up) * up;
+  if (glm::length(level) > 0.3) viewpoint.yaw = std::atan2(glm::dot(glm::cross(up, front), level), glm::dot(front, level));
+  return viewpoint;
+}
+
+ViewState Scene::initial_state() const {
+  ViewState state;
+  state.viewpoint = front(motion_.frames.front().pose);
+  return state;
+}
+
+ViewState Scene::fitting(ViewState state) const {
+  const ViewState initial = initial_state();
+  const size_t joints = motion_.skeleton.size();
+  if (!state.edits.turns.empty() && state.edits.turns.size() != joints) state.edits = {};
+  if (!posable()) state.edits = {}, state.rest = 0;
+  if (state.joint < 0 || static_cast<size_t>(state.joint) >= joints) state.joint = 0;
+  if (!state.shape.empty() && state.shape.size() != avatar_->body.shape.size()) state.shape.clear();
+  const auto& frames = avatar_->latent_frames;
+  if (state.latent_frame && std::find(frames.begin(), frames.end(), *state.latent_frame) == frames.end()) state.latent_frame.reset();
+  if (std::none_of(cameras().begin(), cameras().end(), [&](const Camera& camera) { return camera.name == state.camera; })) state.camera.clear();
+  state.timeline = scrubbed(state.timeline, motion_, state.timeline.place);
+  if (state.viewpoint.up != initial.viewpoint.up) state.viewpoint = initial.viewpoint;
+  const std::vector<Quality> possible = qualities(*avatar_);
+  if (std::find(possible.begin(), possible.end(), Quality{state.quality, 1}) == possible.end()) state.quality = initial.quality, state.knobs.clear();
+  return state;
+}
+
+Pose Scene::base_pose(const ViewState& state) const {
+  const Pose played = pose_at(state.timeline, motion_);
+  if (state.rest <= 0 || !posable()) return played;
+  // Upright where it stands: the global orientation and place stay the motion's.
+  Pose rest = rest_pose(motion_.skeleton);
+  rest.theta[0] = played.theta[0];
+  rest.root_position = played.root_position;
+  return blended(played, rest, state.rest);
+}
+
+Pose Scene::pose(const ViewState& state) const { return edited(base_pose(state), state.edits); }
+
+int Scene::frame_number(const ViewState& state) const { return motion_.frames[frame_at(state.timeline, motion_)].number; }
+
+std::vector<glm::dvec3> Scene::joints(const ViewState& state, const Pose& pose) const {
+  const Skeleton& skeleton = body_in(state.shape).skeleton;
+  const glm::dvec3 t = root_translation(skeleton, pose);
+  std::vector<glm::dvec3> places;
+  for (const glm::dmat4& joint : forward_kinematics(skeleton, pose)) places.push_back(glm::dvec3(joint[3]) + t);
+  return places;
+}
+
+std::vector<glm::vec3> Scene::vertices(const ViewState& state, const Pose& pose) const { return posed_vertices(body_in(state.shape), pose); }
+
+Camera Scene::camera(const ViewState& state, int width, int height) const {
+  for (const Camera& camera : cameras()) {
+    if (camera.name != state.camera) continue;
+    const double fit = std::min({1.0, double(width) / camera.width, double(height) / camera.height});
+    return camera.scaled(std::max(1, static_cast<int>(std::floor(fit * camera.width))));
+  }
+  return camera_at(state.viewpoint, width, height);
+}
+
+PictureOrder Scene::order(const ViewState& state, int width, int height) const {
+  PictureOrder order;
+  order.camera = camera(state, width, height);
+  order.pose = pose(state);
+  order.latent_row = state.latent_frame ? latent_row(*avatar_, *state.latent_frame) : latent_row_of(chosen_, *avatar_, frame_number(state));
+  order.shape = state.shape;
+  order.finest = state.quality;
+  order.knobs = state.knobs;
+  order.compare_with_exact = state.compare_with_exact;
+  const PictureLayer layer = layer_named(state.layer);
+  order.normals = needs_normals(layer);
+  order.inspection = needs_inspection(layer);
+  return order;
+}
+
+const Image* Scene::photograph(const ViewState& state, int width) {
+  if (!chosen_.capture || state.camera.empty()) return nullptr;
+  const std::tuple<std::string, int, int> wanted{state.camera, frame_number(state), width};
+  if (photograph_of_ == wanted) return photograph_ ? &*photograph_ : nullptr;
+  photograph_of_ = wanted;
+  photograph_.reset();
+  words_.clear();
+  try {
+    photograph_ = load_image(*chosen_.capture, options_.split, camera_index(*chosen_.capture, state.camera), frame_number(state), width);
+  } catch (const InputError& error) {
+    words_ = error.what();
+  }
+  return photograph_ ? &*photograph_ : nullptr;
+}
+
+}  // namespace arah
