@@ -40,29 +40,29 @@ std::vector<std::uint8_t> encode(const cv::Mat& image) {
 
 }  // namespace
 
-std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, int height, int channels) {
+std::vector<std::uint8_t> eight_bits(std::span<const float> values, int width, int height, int channels) {
   if (channels != 1 && channels != 3 && channels != 4) {
     throw std::invalid_argument(fmt::format("PNG: expected 1, 3 or 4 channels, found {}", channels));
   }
   check_size(values.size(), width, height, channels);
-  // OpenCV stores blue first.
-  constexpr std::array<int, 4> source = {2, 1, 0, 3};
   constexpr std::array<std::uint8_t, 4> magenta = {255, 0, 255, 255};
-  cv::Mat image(height, width, CV_8UC(channels));
-  std::size_t index = 0;
-  for (int y = 0; y < height; ++y) {
-    std::uint8_t* out = image.ptr<std::uint8_t>(y);
-    for (int x = 0; x < width; ++x) {
-      const std::span<const float> pixel = values.subspan(index, static_cast<std::size_t>(channels));
-      const bool finite = std::all_of(pixel.begin(), pixel.end(), [](float v) { return std::isfinite(v); });
-      for (int c = 0; c < channels; ++c) {
-        const float value = pixel[static_cast<std::size_t>(channels == 1 ? 0 : source[static_cast<std::size_t>(c)])];
-        *out++ = finite ? static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)))
-                        : magenta[static_cast<std::size_t>(c)];
-      }
-      index += static_cast<std::size_t>(channels);
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(values.size());
+  for (std::size_t index = 0; index < values.size(); index += static_cast<std::size_t>(channels)) {
+    const std::span<const float> pixel = values.subspan(index, static_cast<std::size_t>(channels));
+    const bool finite = std::all_of(pixel.begin(), pixel.end(), [](float v) { return std::isfinite(v); });
+    for (std::size_t c = 0; c < pixel.size(); ++c) {
+      bytes.push_back(finite ? static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(pixel[c], 0.0f, 1.0f))) : magenta[c]);
     }
   }
+  return bytes;
+}
+
+std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, int height, int channels) {
+  std::vector<std::uint8_t> bytes = eight_bits(values, width, height, channels);
+  cv::Mat image(height, width, CV_8UC(channels), bytes.data());
+  if (channels == 3) cv::cvtColor(image, image, cv::COLOR_RGB2BGR);  // OpenCV stores blue first
+  if (channels == 4) cv::cvtColor(image, image, cv::COLOR_RGBA2BGRA);
   return encode(image);
 }
 

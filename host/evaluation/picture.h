@@ -10,9 +10,11 @@
 
 namespace arah {
 
-// 8-bit PNG of 1 (grey), 3 (RGB) or 4 (RGBA, alpha not premultiplied) channels; values in [0, 1] are clamped and
-// rounded to 255 steps as they are: no gamma is applied. A pixel with a NaN or an infinity becomes opaque magenta
-// (white where grey), so that it is seen.
+// Values in [0, 1] clamped and rounded to 255 steps, as they are: no gamma is applied. Of 1 (grey), 3 (RGB) or 4 (RGBA) channels. A pixel with a NaN or an
+// infinity becomes opaque magenta (white where grey), so that it is seen.
+std::vector<std::uint8_t> eight_bits(std::span<const float> values, int width, int height, int channels);
+
+// eight_bits() as PNG; alpha is not premultiplied.
 std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, int height, int channels);
 
 // RGBA with straight alpha from a colour that is multiplied by it, as compositing over black leaves it; 0 where alpha is 0.
