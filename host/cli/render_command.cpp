@@ -10,6 +10,7 @@
 #include "host/cli/motion_options.h"
 #include "host/cli/progress.h"
 #include "host/cli/shader_progress.h"
+#include "host/evaluation/layers.h"
 #include "host/evaluation/picture.h"
 #include "host/file_writing.h"
 #include "host/rendering/orbit_camera.h"
@@ -53,10 +54,27 @@ View chosen_view(const Options& options, const Avatar& avatar) {
   return view;
 }
 
-std::vector<uint8_t> layer_png(const Picture& picture, const std::string& layer) {
-  if (layer == "color") return encode_png(straight_alpha(picture.color, picture.alpha, picture.width, picture.height), picture.width, picture.height, 4);
-  if (layer == "depth") return encode_depth_png(picture.depth, picture.width, picture.height);
-  return encode_png(normals_to_rgb(picture.normal, picture.width, picture.height), picture.width, picture.height, 3);
+// With what its colours mean: empty for colour, depth and normals, whose files hold the numbers.
+struct LayerFile {
+  std::vector<uint8_t> png;
+  std::string legend;
+};
+
+LayerFile layer_file(const Picture& picture, const Avatar& avatar, PictureLayer layer) {
+  if (layer == PictureLayer::color) return {encode_png(straight_alpha(picture.color, picture.alpha, picture.width, picture.height), picture.width, picture.height, 4), ""};
+  if (layer == PictureLayer::depth) return {encode_depth_png(picture.depth, picture.width, picture.height), ""};
+  if (layer == PictureLayer::normal) return {encode_png(normals_to_rgb(picture.normal, picture.width, picture.height), picture.width, picture.height, 3), ""};
+  const LayerImage image = layer_image(layer, picture, avatar);
+  return {encode_png(image), describe(image.legend)};
+}
+
+std::string is_layer(const std::string& name) {
+  try {
+    layer_named(name);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
 }
 
 // Where each layer goes, in the order of options.layers.
@@ -84,7 +102,10 @@ int render(const Options& options) {
   const View view = chosen_view(options, avatar);
   Device device(options.device);
   RenderSettings settings = options.quality.settings(avatar);
-  settings.normals = std::find(options.layers.begin(), options.layers.end(), "normal") != options.layers.end();
+  std::vector<PictureLayer> layers;
+  for (const std::string& name : options.layers) layers.push_back(layer_named(name));
+  settings.normals = std::any_of(layers.begin(), layers.end(), needs_normals);
+  settings.inspect = std::any_of(layers.begin(), layers.end(), needs_inspection);
   Renderer renderer(device, avatar, settings);
   Progress progress("render", 1.0, "");
   const Picture picture = renderer.render(view.camera, view.pose, view.latent_row, [&](const PictureSoFar& so_far) {
@@ -93,8 +114,9 @@ int render(const Options& options) {
   });
   const std::vector<fs::path> files = layer_files(options);
   for (std::size_t i = 0; i < files.size(); ++i) {
-    write_file_safely(files[i], layer_png(picture, options.layers[i]));
-    progress.say(files[i].string());
+    const LayerFile file = layer_file(picture, avatar, layers[i]);
+    write_file_safely(files[i], file.png);
+    progress.say(file.legend.empty() ? files[i].string() : fmt::format("{}  {}", files[i].string(), file.legend));
   }
   progress.finish(fmt::format("{} x {} pixels  {}", picture.width, picture.height, shaders_text(device)));
   return 0;
@@ -108,8 +130,8 @@ void add_render_command(CLI::App& program, Run& run) {
   command->add_option("AVATAR", options->avatar, kAvatarHelp)->required();
   command
       ->add_option("-o,--out", options->out,
-                   "a .png, beside which further layers become NAME_depth.png and NAME_normal.png; or a folder for "
-                   "color.png, depth.png, normal.png")
+                   "a .png, beside which further layers become NAME_depth.png, NAME_normal.png and so on; or a folder for "
+                   "color.png, depth.png, normal.png, ...")
       ->required();
   add_motion_options(*command, options->motion);
   CLI::Option* camera =
@@ -128,9 +150,11 @@ void add_render_command(CLI::App& program, Run& run) {
   command
       ->add_option("--layers", options->layers,
                    "with commas between: color (RGBA), depth (16-bit grey, millimetres along the ray, 0 = nothing), "
-                   "normal (world axes, n/2 + 1/2)")
+                   "normal (world axes, n/2 + 1/2), and in colours that a line beside the file's name explains: canonical (where on the "
+                   "canonical body: red x, green y, blue z, lines every 10 cm), samples (colours evaluated along the ray), steps (of the root "
+                   "search, mean of the ray's samples), failures (share of the ray's samples for which no root was found)")
       ->delimiter(',')
-      ->check(CLI::IsMember({"color", "depth", "normal"}))
+      ->check(is_layer)
       ->capture_default_str();
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
