@@ -11,10 +11,12 @@ int main(int argc, char** argv) {
   program.set_version_flag("--version", std::string("arah-view ") + arah::kVersion);
   program.add_option("AVATAR", options.avatar, std::string(arah::kAvatarHelp) + ", whose checkpoints are followed")->required();
   arah::add_motion_options(program, options.motion);
-  program.add_option("--quality", options.finest, "preset that a picture at rest is refined to")->check(CLI::IsMember(arah::render_presets()))->capture_default_str();
-  program.add_option("--width", options.width, "of the window")->check(CLI::Range(320, 8192))->capture_default_str();
-  program.add_option("--height", options.height, "of the window")->check(CLI::Range(240, 8192))->capture_default_str();
-  program.add_option("--measure", options.measure, "orbit for so long, print median and 99th percentile of each stage, and end; seconds (\"20\" or \"20s\")")
+  program.add_option("--quality", options.quality, "preset that a picture at rest is refined to (default: the state's; balanced)")->check(CLI::IsMember(arah::render_presets()));
+  program.add_option("--state", options.state, "a file that ctrl + S saves what is seen to, and that is opened again where it is there");
+  program.add_option("--out", options.out, "folder for screenshots, videos and meshes")->check(CLI::ExistingDirectory)->capture_default_str();
+  program.add_option("--width", options.width, "of the window (default: the state's; 1120)")->check(CLI::Range(320, 8192));
+  program.add_option("--height", options.height, "of the window (default: the state's; 720)")->check(CLI::Range(240, 8192));
+  program.add_option("--measure", options.measure, "turn and play by itself for so long, print median and 99th percentile of each stage, and end; seconds (\"20\" or \"20s\")")
       ->transform([](std::string text) {
         if (!text.empty() && text.back() == 's') text.pop_back();
         return text;

@@ -31,6 +31,8 @@ struct PictureOrder {
   std::string finest = "balanced"; // preset that the picture is refined to at rest
   std::vector<std::pair<std::string, std::string>> knobs;  // of that preset, changed (set_render_knob())
   bool compare_with_exact = false; // at rest, the finest picture is also measured against "paper"
+
+  bool operator==(const PictureOrder&) const = default;
 };
 
 // How the finest picture differs from the exact one.

@@ -119,17 +119,18 @@ PictureOrder Scene::order(const ViewState& state, int width, int height) const {
 
 const Image* Scene::photograph(const ViewState& state, int width) {
   if (!chosen_.capture || state.camera.empty()) return nullptr;
-  const std::tuple<std::string, int, int> wanted{state.camera, frame_number(state), width};
-  if (photograph_of_ == wanted) return photograph_ ? &*photograph_ : nullptr;
-  photograph_of_ = wanted;
-  photograph_.reset();
+  const std::pair<std::string, int> wanted{state.camera, frame_number(state)};
+  if (photographs_of_ != wanted) photographs_.clear();
+  photographs_of_ = wanted;
+  if (const auto known = photographs_.find(width); known != photographs_.end()) return known->second ? &*known->second : nullptr;
   words_.clear();
+  std::optional<Image>& photograph = photographs_[width];
   try {
-    photograph_ = load_image(*chosen_.capture, options_.split, camera_index(*chosen_.capture, state.camera), frame_number(state), width);
+    photograph = load_image(*chosen_.capture, options_.split, camera_index(*chosen_.capture, state.camera), frame_number(state), width);
   } catch (const InputError& error) {
     words_ = error.what();
   }
-  return photograph_ ? &*photograph_ : nullptr;
+  return photograph ? &*photograph : nullptr;
 }
 
 }  // namespace arah

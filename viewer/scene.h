@@ -1,10 +1,11 @@
 // A person and what can be played, and what a state of the viewer makes of them.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
-#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "host/cli/motion_options.h"
@@ -43,8 +44,8 @@ class Scene {
   // Of a picture that fits so many pixels: the viewpoint's fills them; a capture's camera keeps its shape and is not enlarged.
   Camera camera(const ViewState& state, int width, int height) const;
   PictureOrder order(const ViewState& state, int width, int height) const;
-  // Of the capture's camera and frame, as large as the camera; null where there is none. Kept until another one is asked for. Reading a file that is
-  // not good is said in words(), once.
+  // Of the capture's camera and frame, so wide; null where there is none. Kept while camera and frame stay. Reading a file that is
+  // not good is said in words().
   const Image* photograph(const ViewState& state, int width);
   const std::string& words() const { return words_; }
 
@@ -54,8 +55,8 @@ class Scene {
   ChosenMotion chosen_;
   Motion motion_;
   mutable BodyTemplate shaped_;  // the body in the shape that was asked for last
-  std::optional<std::tuple<std::string, int, int>> photograph_of_;
-  std::optional<Image> photograph_;
+  std::pair<std::string, int> photographs_of_;           // camera and frame
+  std::map<int, std::optional<Image>> photographs_;      // of these, by width
   std::string words_;
   const BodyTemplate& body_in(const std::vector<double>& shape) const;
 };

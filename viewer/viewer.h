@@ -11,12 +11,14 @@
 namespace arah {
 
 struct ViewerOptions {
-  std::filesystem::path avatar;      // a file, or the folder of a run whose checkpoints are followed
+  std::filesystem::path avatar;        // a file, or the folder of a run; either is followed where it is written anew
   MotionOptions motion;
-  std::string finest = "balanced";   // preset of a picture at rest
-  int width = 1120, height = 720;    // of the window, in the system's units
-  std::optional<double> measure;     // seconds: orbits by itself, prints times, and ends
-  bool events = false;               // tells of itself in lines of JSON on standard output
+  std::filesystem::path state;         // to open with, where it is there, and to save to; empty: view.json in `out`, opened by no one
+  std::filesystem::path out = ".";     // for screenshots, videos, meshes
+  std::optional<std::string> quality;  // preset of a picture at rest, ahead of the state's
+  std::optional<int> width, height;    // of the window, units of the system, ahead of the state's
+  std::optional<double> measure;       // seconds: turns and plays by itself, prints times, and ends
+  bool events = false;                 // tells of itself in lines of JSON on standard output
   DeviceOptions device = DeviceOptions::from_environment();
 };
 

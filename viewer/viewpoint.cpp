@@ -46,6 +46,22 @@ Viewpoint viewpoint_around(std::span<const glm::vec3> vertices, UpAxis up) {
   return viewpoint;
 }
 
+Viewpoint viewpoint_of(const Camera& camera, const glm::dvec3& target, UpAxis up) {
+  const glm::dvec3 axis = up == UpAxis::y ? glm::dvec3(0, 1, 0) : glm::dvec3(0, 0, 1);
+  const glm::dvec3 front = up == UpAxis::y ? glm::dvec3(0, 0, 1) : glm::dvec3(0, -1, 0);
+  const glm::dvec3 from = camera.center() - target;
+  const double height = glm::dot(from, axis);
+  const glm::dvec3 level = from - height * axis;
+  Viewpoint viewpoint;
+  viewpoint.target = target;
+  viewpoint.up = up;
+  viewpoint.yaw = std::atan2(glm::dot(glm::cross(axis, front), level), glm::dot(front, level));
+  viewpoint.pitch = std::clamp(std::atan2(height, glm::length(level)), -kSteepest, kSteepest);
+  viewpoint.distance = std::clamp(glm::length(from), kNearest, kFarthest);
+  viewpoint.field_of_view = std::clamp(2 * std::atan(0.5 * camera.height / camera.K[1][1]), 0.05, 2.5);
+  return viewpoint;
+}
+
 Camera camera_at(const Viewpoint& viewpoint, int width, int height) {
   if (width < 1 || height < 1 || width > 8192 || height > 8192) throw std::invalid_argument(fmt::format("a camera of {} x {} pixels", width, height));
   const Axes to = axes(viewpoint);

@@ -25,6 +25,9 @@ struct Viewpoint {
 // In front of the posed vertices, all of them in view. Throws std::invalid_argument without vertices.
 Viewpoint viewpoint_around(std::span<const glm::vec3> vertices, UpAxis up);
 
+// From where a camera stands, looking at the target as it stands upright: not the camera's roll, nor its axis where that misses the target.
+Viewpoint viewpoint_of(const Camera& camera, const glm::dvec3& target, UpAxis up);
+
 // Throws std::invalid_argument unless both sizes are in 1..8192.
 Camera camera_at(const Viewpoint& viewpoint, int width, int height);
 

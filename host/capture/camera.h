@@ -29,6 +29,8 @@ struct Camera {
   // it.
   std::array<double, 5> distortion{};
 
+  bool operator==(const Camera&) const = default;
+
   bool distorted() const;
   // The camera's centre in the world, −Rᵀ T.
   glm::dvec3 center() const;

@@ -43,6 +43,19 @@ TEST(ViewpointTest, WhatAHandHoldsFollowsIt) {
   EXPECT_GT(down.y, before.y + 1);
 }
 
+TEST(ViewpointTest, IsFoundAgainFromItsCamera) {
+  for (const UpAxis up : {UpAxis::y, UpAxis::z}) {
+    Viewpoint viewpoint = viewpoint_around(kBody, up);
+    viewpoint.yaw = -2.1;
+    viewpoint.pitch = 0.4;
+    const Viewpoint again = viewpoint_of(camera_at(viewpoint, 640, 480), viewpoint.target, up);
+    EXPECT_NEAR(again.yaw, viewpoint.yaw, 1e-12);
+    EXPECT_NEAR(again.pitch, viewpoint.pitch, 1e-12);
+    EXPECT_NEAR(again.distance, viewpoint.distance, 1e-12);
+    EXPECT_NEAR(again.field_of_view, viewpoint.field_of_view, 1e-12);
+  }
+}
+
 TEST(ViewpointTest, StaysWithinItsBounds) {
   Viewpoint viewpoint = viewpoint_around(kBody, UpAxis::y);
   EXPECT_LT(orbited(viewpoint, {0, 1e6}, 480).pitch, 0.5 * std::numbers::pi);
