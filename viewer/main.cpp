@@ -31,5 +31,6 @@ int main(int argc, char** argv) {
     if (error.get_exit_code() == 0) return program.exit(error);
     return arah::report_error("arah-view", std::string(error.what()) + ". See: arah-view --help", arah::kWrongCall);
   }
+  options.split_given = program.count("--split") > 0;
   return arah::outcome_of("arah-view", [&] { return arah::view(options); });
 }

@@ -17,6 +17,7 @@
 namespace arah {
 namespace {
 
+constexpr double kTurntable = std::numbers::pi / 5;  // radians a second: a turn in ten seconds
 constexpr float kDegrees = static_cast<float>(180 / std::numbers::pi);
 
 // The key and what it does, in the order in which the list shows them.
@@ -86,7 +87,7 @@ std::vector<Wish> Panels::keys(ViewState& state) {
   const int step = io.KeyShift ? -1 : 1;
   const Motion& motion = scene_.motion();
   if (pressed(GLFW_KEY_F)) wishes.push_back(Wish::front);
-  if (pressed(GLFW_KEY_T)) state.turntable = state.turntable == 0 ? 6 : 0;
+  if (pressed(GLFW_KEY_T)) state.turntable = state.turntable == 0 ? kTurntable : 0;
   if (pressed(GLFW_KEY_C) && !scene_.cameras().empty()) {
     std::vector<std::string> names;
     for (const Camera& camera : scene_.cameras()) names.push_back(camera.name);
@@ -96,7 +97,7 @@ std::vector<Wish> Panels::keys(ViewState& state) {
   if (pressed(GLFW_KEY_B)) state.comparison.mode = next_of(kModes, state.comparison.mode, step);
   if (pressed(GLFW_KEY_L)) state.layer = next_of(layer_names(), state.layer, step);
   if (pressed(GLFW_KEY_K)) state.skeleton = !state.skeleton;
-  if (pressed(GLFW_KEY_O)) state.outlines = !state.outlines;
+  if (pressed(GLFW_KEY_O)) state.mesh = !state.mesh;
   if (pressed(GLFW_KEY_J)) state.handles = !state.handles && scene_.posable();
   if (pressed(GLFW_KEY_X)) edits_.change({});
   if (pressed(GLFW_KEY_SPACE)) {
@@ -159,11 +160,11 @@ void Panels::look(ViewState& state, std::vector<Wish>& wishes) {
   note("front");
   ImGui::SameLine();
   bool turning = state.turntable != 0;
-  if (ImGui::Checkbox("turntable", &turning)) state.turntable = turning ? 6 : 0;
+  if (ImGui::Checkbox("turntable", &turning)) state.turntable = turning ? kTurntable : 0;
   note("turntable");
   if (turning) {
-    auto turns = static_cast<float>(state.turntable);
-    if (ImGui::SliderFloat("turns a minute", &turns, -60, 60, "%.1f")) state.turntable = double{turns} == 0 ? 0.1 : double{turns};
+    auto degrees = static_cast<float>(state.turntable) * kDegrees;
+    if (ImGui::SliderFloat("degrees a second", &degrees, -180, 180, "%.0f") && degrees != 0) state.turntable = double(degrees / kDegrees);
   }
   if (scene_.cameras().empty()) return;
   if (ImGui::BeginCombo("camera", state.camera.empty() ? "free view" : state.camera.c_str())) {
@@ -198,7 +199,7 @@ void Panels::layers(ViewState& state, const PanelFacts& facts) {
   ImGui::Checkbox("skeleton", &state.skeleton);
   note("skeleton");
   ImGui::SameLine();
-  ImGui::Checkbox("template", &state.outlines);
+  ImGui::Checkbox("template", &state.mesh);
   if (facts.psnr) ImGui::Text("%.2f dB against the photograph", *facts.psnr);
 }
 
@@ -231,12 +232,13 @@ void Panels::pose(ViewState& state) {
   if (ImGui::Button("undo")) edits_.undo();
   ImGui::SameLine();
   if (ImGui::Button("redo")) edits_.redo();
-  if (ImGui::BeginCombo("joint", skeleton.names[static_cast<size_t>(state.joint)].c_str())) {
-    for (int j = 0; j < static_cast<int>(skeleton.size()); ++j)
-      if (ImGui::Selectable(skeleton.names[static_cast<size_t>(j)].c_str(), j == state.joint)) state.joint = j;
+  if (ImGui::BeginCombo("joint", state.joint.c_str())) {
+    for (const std::string& name : skeleton.names)
+      if (ImGui::Selectable(name.c_str(), name == state.joint)) state.joint = name;
     ImGui::EndCombo();
   }
-  const auto joint = static_cast<size_t>(state.joint);
+  note("joint");
+  const auto joint = static_cast<size_t>(std::find(skeleton.names.begin(), skeleton.names.end(), state.joint) - skeleton.names.begin());
   PoseEdits edits = edits_.shown();
   if (edits.turns.empty()) edits.turns.assign(skeleton.size(), glm::dvec3(0));
   glm::dvec3 angles = slider_angles(edits.turns[joint]);
@@ -254,16 +256,25 @@ void Panels::pose(ViewState& state) {
     edits_.show(edits);
   }
   if (let_go) edits_.keep();
-  if (ImGui::Button("reset joint")) edits_.change(without_edit(edits_.shown(), state.joint));
+  if (ImGui::Button("reset joint")) edits_.change(without_edit(edits_.shown(), static_cast<int>(joint)));
   ImGui::SameLine();
   if (ImGui::Button("reset all")) edits_.change({});
   ImGui::SameLine();
   if (ImGui::Button("to other side")) {
     const Pose base = scene_.base_pose(state);
-    edits_.change(edits_between(base, copied_across(skeleton, scene_.pose(state), state.joint), edits_.shown()));
+    edits_.change(edits_between(base, copied_across(skeleton, scene_.pose(state), static_cast<int>(joint)), edits_.shown()));
   }
-  auto rest = static_cast<float>(state.rest);
-  if (ImGui::SliderFloat("towards rest", &rest, 0, 1, "%.2f")) state.rest = std::clamp(double{rest}, 0.0, 1.0);
+  const Motion& motion = scene_.motion();
+  if (motion.frames.size() > 1) {
+    if (ImGui::BeginCombo("blend with", state.blend_frame ? fmt::format("frame {}", *state.blend_frame).c_str() : "nothing")) {
+      if (ImGui::Selectable("nothing", !state.blend_frame)) state.blend_frame.reset();
+      for (const MotionFrame& frame : motion.frames)
+        if (ImGui::Selectable(fmt::format("frame {}", frame.number).c_str(), state.blend_frame == frame.number)) state.blend_frame = frame.number;
+      ImGui::EndCombo();
+    }
+    auto weight = static_cast<float>(state.blend_weight);
+    if (state.blend_frame && ImGui::SliderFloat("weight", &weight, 0, 1, "%.2f")) state.blend_weight = std::clamp(double{weight}, 0.0, 1.0);
+  }
 
   const ShapeSpace& shapes = scene_.avatar().body.shape;
   if (shapes.size() > 0) {
@@ -281,10 +292,10 @@ void Panels::pose(ViewState& state) {
   const std::vector<int>& frames = scene_.avatar().latent_frames;
   if (scene_.avatar().spec.latent_size > 0 && !frames.empty()) {
     ImGui::Separator();
-    if (ImGui::BeginCombo("code", state.latent_frame ? fmt::format("frame {}", *state.latent_frame).c_str() : "of the frame")) {
-      if (ImGui::Selectable("of the frame", !state.latent_frame)) state.latent_frame.reset();
-      for (const int frame : frames)
-        if (ImGui::Selectable(fmt::format("frame {}", frame).c_str(), state.latent_frame == frame)) state.latent_frame = frame;
+    if (ImGui::BeginCombo("code", state.latent_row ? fmt::format("frame {}", frames[static_cast<size_t>(*state.latent_row)]).c_str() : "of the frame")) {
+      if (ImGui::Selectable("of the frame", !state.latent_row)) state.latent_row.reset();
+      for (size_t row = 0; row < frames.size(); ++row)
+        if (ImGui::Selectable(fmt::format("frame {}", frames[row]).c_str(), state.latent_row == static_cast<int>(row))) state.latent_row = static_cast<int>(row);
       ImGui::EndCombo();
     }
   }
@@ -307,8 +318,7 @@ void Panels::quality(ViewState& state, const PanelFacts& facts) {
       if (equals == std::string::npos) throw InputError(text, "", "KNOB=VALUE, as for arah render --set", "no =");
       RenderSettings settings = render_preset(scene_.avatar(), state.quality);
       set_render_knob(settings, text.substr(0, equals), text.substr(equals + 1));
-      std::erase_if(state.knobs, [&](const auto& knob) { return knob.first == text.substr(0, equals); });
-      state.knobs.emplace_back(text.substr(0, equals), text.substr(equals + 1));
+      state.knobs[text.substr(0, equals)] = text.substr(equals + 1);
       knob_error_.clear();
       knob_[0] = 0;
     } catch (const InputError& error) {
@@ -317,18 +327,17 @@ void Panels::quality(ViewState& state, const PanelFacts& facts) {
   }
   note("set");
   if (!knob_error_.empty()) ImGui::TextWrapped("%s", knob_error_.c_str());
-  for (size_t k = 0; k < state.knobs.size(); ++k) {
-    ImGui::PushID(static_cast<int>(k));
-    if (ImGui::SmallButton("x")) state.knobs.erase(state.knobs.begin() + static_cast<std::ptrdiff_t>(k));
+  std::string dropped;
+  for (const auto& [knob, value] : state.knobs) {
+    ImGui::PushID(knob.c_str());
+    if (ImGui::SmallButton("x")) dropped = knob;
     ImGui::PopID();
-    if (k >= state.knobs.size()) break;
     ImGui::SameLine();
-    ImGui::Text("%s=%s", state.knobs[k].first.c_str(), state.knobs[k].second.c_str());
+    ImGui::Text("%s=%s", knob.c_str(), value.c_str());
   }
+  state.knobs.erase(dropped);
   if (ImGui::TreeNode("all knobs")) {
-    RenderSettings settings = render_preset(scene_.avatar(), state.quality);
-    for (const auto& [knob, value] : state.knobs) set_render_knob(settings, knob, value);
-    std::string json = render_settings_json(settings);
+    std::string json = render_settings_json(render_settings_of(state, scene_.avatar()));
     for (char& letter : json)
       if (letter == ',') letter = '\n';
     ImGui::TextUnformatted(json.c_str());

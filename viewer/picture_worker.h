@@ -29,7 +29,7 @@ struct PictureOrder {
   bool normals = false;            // what the layer needs of a picture, and
   bool inspection = false;         // (Picture::inspection)
   std::string finest = "balanced"; // preset that the picture is refined to at rest
-  std::vector<std::pair<std::string, std::string>> knobs;  // of that preset, changed (set_render_knob())
+  std::map<std::string, std::string> knobs;  // of that preset, changed (set_render_knob())
   bool compare_with_exact = false; // at rest, the finest picture is also measured against "paper"
 
   bool operator==(const PictureOrder&) const = default;

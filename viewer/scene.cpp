@@ -48,22 +48,26 @@ Viewpoint Scene::front(const Pose& pose) const {
 
 ViewState Scene::initial_state() const {
   ViewState state;
+  state.split = chosen_.capture ? options_.split : "";
+  state.joint = motion_.skeleton.names.front();
   state.viewpoint = front(motion_.frames.front().pose);
   return state;
 }
 
 ViewState Scene::fitting(ViewState state) const {
   const ViewState initial = initial_state();
-  const size_t joints = motion_.skeleton.size();
-  if (!state.edits.turns.empty() && state.edits.turns.size() != joints) state.edits = {};
-  if (!posable()) state.edits = {}, state.rest = 0;
-  if (state.joint < 0 || static_cast<size_t>(state.joint) >= joints) state.joint = 0;
+  const std::vector<std::string>& names = motion_.skeleton.names;
+  std::erase_if(state.turns, [&](const auto& turn) { return std::find(names.begin(), names.end(), turn.first) == names.end(); });
+  if (!posable()) state.turns.clear(), state.shift = glm::dvec3(0), state.blend_frame.reset();
+  if (std::find(names.begin(), names.end(), state.joint) == names.end()) state.joint = names.front();
   if (!state.shape.empty() && state.shape.size() != avatar_->body.shape.size()) state.shape.clear();
-  const auto& frames = avatar_->latent_frames;
-  if (state.latent_frame && std::find(frames.begin(), frames.end(), *state.latent_frame) == frames.end()) state.latent_frame.reset();
+  if (state.latent_row && static_cast<size_t>(*state.latent_row) >= avatar_->latent_frames.size()) state.latent_row.reset();
+  if (state.blend_frame && !find_frame(motion_, *state.blend_frame)) state.blend_frame.reset();
   if (std::none_of(cameras().begin(), cameras().end(), [&](const Camera& camera) { return camera.name == state.camera; })) state.camera.clear();
   state.timeline = scrubbed(state.timeline, motion_, state.timeline.place);
   if (state.viewpoint.up != initial.viewpoint.up) state.viewpoint = initial.viewpoint;
+  const auto& layers = all_layers();
+  if (std::none_of(layers.begin(), layers.end(), [&](PictureLayer layer) { return to_string(layer) == state.layer; })) state.layer = initial.layer;
   const std::vector<Quality> possible = qualities(*avatar_);
   if (std::find(possible.begin(), possible.end(), Quality{state.quality, 1}) == possible.end()) state.quality = initial.quality, state.knobs.clear();
   return state;
@@ -71,15 +75,9 @@ ViewState Scene::fitting(ViewState state) const {
 
 Pose Scene::base_pose(const ViewState& state) const {
   const Pose played = pose_at(state.timeline, motion_);
-  if (state.rest <= 0 || !posable()) return played;
-  // Upright where it stands: the global orientation and place stay the motion's.
-  Pose rest = rest_pose(motion_.skeleton);
-  rest.theta[0] = played.theta[0];
-  rest.root_position = played.root_position;
-  return blended(played, rest, state.rest);
+  const MotionFrame* other = state.blend_frame ? find_frame(motion_, *state.blend_frame) : nullptr;
+  return other && state.blend_weight > 0 ? blended(played, other->pose, state.blend_weight) : played;
 }
-
-Pose Scene::pose(const ViewState& state) const { return edited(base_pose(state), state.edits); }
 
 int Scene::frame_number(const ViewState& state) const { return motion_.frames[frame_at(state.timeline, motion_)].number; }
 
@@ -106,7 +104,7 @@ PictureOrder Scene::order(const ViewState& state, int width, int height) const {
   PictureOrder order;
   order.camera = camera(state, width, height);
   order.pose = pose(state);
-  order.latent_row = state.latent_frame ? latent_row(*avatar_, *state.latent_frame) : latent_row_of(chosen_, *avatar_, frame_number(state));
+  order.latent_row = state.latent_row ? static_cast<size_t>(*state.latent_row) : latent_row_of(chosen_, *avatar_, frame_number(state));
   order.shape = state.shape;
   order.finest = state.quality;
   order.knobs = state.knobs;

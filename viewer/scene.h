@@ -35,8 +35,9 @@ class Scene {
   // What of a state does not fit this scene becomes what the initial state has: joints, shapes, cameras, frames that are not there.
   ViewState fitting(ViewState state) const;
 
-  Pose base_pose(const ViewState& state) const;  // without edits
-  Pose pose(const ViewState& state) const;
+  // Of the timeline, blended with the other frame, without edits; and with them.
+  Pose base_pose(const ViewState& state) const;
+  Pose pose(const ViewState& state) const { return edited(base_pose(state), edits_of(state, motion_.skeleton, "the view")); }
   int frame_number(const ViewState& state) const;
   std::vector<glm::dvec3> joints(const ViewState& state, const Pose& pose) const;  // where they are, world
   std::vector<glm::vec3> vertices(const ViewState& state, const Pose& pose) const;  // of the template, world

@@ -1,12 +1,15 @@
-// What the viewer shows, as the hand left it: what is saved and reopened.
+// All that a viewer shows and how, as a file: closed today, opened tomorrow as it was.
 #pragma once
 
 #include <filesystem>
+#include <glm/vec3.hpp>
+#include <map>
 #include <optional>
 #include <string>
-#include <utility>
+#include <string_view>
 #include <vector>
 
+#include "host/rendering/render_settings.h"
 #include "viewer/comparison.h"
 #include "viewer/pose_editor.h"
 #include "viewer/timeline.h"
@@ -15,43 +18,60 @@
 namespace arah {
 
 struct ViewState {
-  // Where one looks from.
   Viewpoint viewpoint;
-  std::string camera;      // of the capture, by name: its view instead of the viewpoint's; empty: none
-  double turntable = 0;    // turns of the viewpoint a minute, -60 to 60; 0: it stands
+  std::string camera;    // the capture's, by name, that is looked through; empty: the viewpoint
+  double turntable = 0;  // radians a second, −2π to 2π; 0: it stands
 
-  // Which pose.
+  std::string split;  // of the capture; empty: a motion file, or rest
   Timeline timeline;
-  PoseEdits edits;              // over the motion's pose
-  double rest = 0;              // 0: the motion's pose, 1: the pose at rest, between them a blend
-  std::vector<double> shape;    // β of the body, each -5 to 5; empty: the avatar's own
-  std::optional<int> latent_frame;  // training frame whose code is shown; none: the frame's own, or as for an unseen one
 
-  // What of it.
-  std::string layer = "color";  // a name of host/evaluation/layers.h
-  int joint = 0;                // of the layer "weights", and of the pose sliders
-  double slice = 0;             // of the layer "slice": metres of the plane from the viewpoint's target towards the camera, -2 to 2
-  bool skeleton = false;        // overlays
-  bool outlines = false;        // of the template
-  bool handles = false;         // joints can be dragged
+  std::optional<int> blend_frame;  // number of the frame whose pose is blended in
+  double blend_weight = 0;         // 0 to 1
+
+  std::map<std::string, glm::dvec3> turns;  // PoseEdits::turns by the joint's name, those that are not 0; radians, −100 to 100
+  glm::dvec3 shift{0.0};                    // metres
+
+  std::optional<int> latent_row;  // none: that of the frame
+  std::vector<double> shape;      // of the body's morph targets, −100 to 100; empty: as the avatar has it
+
+  std::string layer = "color";  // what is drawn
+  std::string joint;            // that the layer is about, by name; empty: none
+
+  double slice = 0;             // of the layer that cuts: metres from the viewpoint's target towards the camera, −2 to 2
+
+  bool skeleton = false, mesh = false, handles = false;  // drawn over it; handles: joints to drag
+
   Comparison comparison;
 
-  // How well.
-  std::string quality = "balanced";  // preset that a picture at rest is refined to
-  std::vector<std::pair<std::string, std::string>> knobs;  // of it, changed: set_render_knob()
-  bool compare_with_exact = false;
+  std::string quality = "balanced";          // one of render_presets()
+  std::map<std::string, std::string> knobs;  // of render_knobs(), those that differ from the preset's
+  bool compare_with_exact = false;           // the picture at rest is measured against "paper"
 
-  // The window.
-  int width = 1120, height = 720;  // units of the system; 320 x 240 to 8192 x 8192
-  bool hint_seen = false;          // of the first run
+  int window_width = 1120, window_height = 720;  // 64 to 16384
+  bool hint_seen = false;                        // the first run's
 
   bool operator==(const ViewState&) const = default;
 };
 
-// JSON with a field for each of these. Throws std::runtime_error where the disk refuses.
+inline constexpr std::size_t kMostViewFile = 1'000'000;  // bytes
+inline constexpr std::size_t kLongestViewText = 1000;    // bytes of a name
+
+// The file's text: JSON, {"arah_view": 1, "viewpoint": {…}, …}.
+std::string view_state_json(const ViewState& state);
+// Fields that are absent are as in ViewState{}. Throws InputError naming `where` and the field: no JSON, not of this version, fields that are not known,
+// of another type, out of range, knobs and presets that there are not or whose values they do not take.
+ViewState view_state_from_json(std::string_view text, const std::string& where);
+
+// Throws InputError where the state could not be read again, and as write_file_safely() does.
 void write_view_state(const std::filesystem::path& path, const ViewState& state);
-// Throws InputError naming file and field: not JSON, an unknown field, a wrong type, a value out of its range, a layer, preset or knob that
-// there is not. Fields that are absent keep their defaults.
+// Throws InputError where there is no such file, or it is larger than kMostViewFile, and as view_state_from_json() does.
 ViewState read_view_state(const std::filesystem::path& path);
+
+// The edits of a skeleton's poses. Throws InputError naming `where` and a joint that the skeleton lacks.
+PoseEdits edits_of(const ViewState& state, const Skeleton& skeleton, const std::string& where);
+void set_edits(ViewState& state, const Skeleton& skeleton, const PoseEdits& edits);
+
+// The preset with the knobs, set in the order of render_knobs(). Throws InputError as render_preset() and set_render_knob() do.
+RenderSettings render_settings_of(const ViewState& state, const Avatar& avatar);
 
 }  // namespace arah

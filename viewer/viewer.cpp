@@ -92,7 +92,7 @@ class Viewer {
   Viewer(const ViewerOptions& options, Window& window, Device& device, std::shared_ptr<const Avatar> avatar, ViewState state)
       : options_(options), window_(window), device_(device), scene_(std::move(avatar), options.motion), state_(scene_.fitting(std::move(state))), panels_(scene_, edits_), overlay_(scene_.avatar().body), followed_(options.avatar),
         context_(window), presentation_(device, window), cpu_(device.report().type == DeviceType::cpu) {
-    edits_.change(state_.edits);
+    edits_.change(edits_of(state_, scene_.motion().skeleton, "the view"));
     shows_hint_ = !state_.hint_seen && !options.measure && !hint_file().empty() && !fs::exists(hint_file());
     worker_ = std::make_unique<PictureWorker>(device, scene_.shared_avatar(), cpu_ ? kCpuFrame : kGpuFrame, [] { Window::wake(); });
   }
@@ -129,14 +129,14 @@ class Viewer {
     ImGui::NewFrame();
     time_ += passed;
     state_.timeline = advanced(state_.timeline, scene_.motion(), passed);
-    if (state_.turntable != 0 && state_.camera.empty()) state_.viewpoint.yaw = std::remainder(state_.viewpoint.yaw + state_.turntable * passed * 2 * std::numbers::pi / 60, 2 * std::numbers::pi);
+    if (state_.turntable != 0 && state_.camera.empty()) state_.viewpoint.yaw = std::remainder(state_.viewpoint.yaw + state_.turntable * passed, 2 * std::numbers::pi);
     const ViewState before = state_;
     place_picture();
     for (const Wish wish : panels_.keys(state_)) grant(wish);
     hands();
     if (options_.measure) measure();
     panels();
-    state_.edits = edits_.shown();
+    set_edits(state_, scene_.motion().skeleton, edits_.shown());
     if (state_ != before) due_ = std::max(due_, 2);
     place_picture();
     draw_over_picture();
@@ -193,7 +193,7 @@ class Viewer {
     if (state_.handles && ImGui::IsMouseClicked(ImGuiMouseButton_Left)) {
       const std::vector<glm::dvec3> joints = scene_.joints(state_, scene_.pose(state_));
       if (const std::optional<int> joint = joint_under(camera_, joints, cursor, 12 * unit() / enlarged())) {
-        state_.joint = *joint;
+        state_.joint = scene_.motion().skeleton.names[static_cast<size_t>(*joint)];
         held_ = taken(camera_, joints, *joint, cursor);
         return;
       }
@@ -213,7 +213,9 @@ class Viewer {
   void grant(Wish wish) {
     switch (wish) {
       case Wish::screenshot: return save_screenshot();
-      case Wish::record: return recording_ ? end_recording() : begin_recording();
+      case Wish::record:
+        if (recording_) return end_recording();
+        return begin_recording();
       case Wish::save_state: return save_state();
       case Wish::export_mesh: {
         const PictureOrder order = scene_.order(state_, room_.width, room_.height);
@@ -246,8 +248,8 @@ class Viewer {
       saved.timeline.playing = false;
       const double scale = window_.scale();
       const FramebufferSize size = window_.framebuffer();
-      saved.width = std::clamp(static_cast<int>(std::lround(size.width / scale)), 320, 8192);
-      saved.height = std::clamp(static_cast<int>(std::lround(size.height / scale)), 240, 8192);
+      saved.window_width = std::clamp(static_cast<int>(std::lround(size.width / scale)), 64, 16384);
+      saved.window_height = std::clamp(static_cast<int>(std::lround(size.height / scale)), 64, 16384);
       write_view_state(path, saved);
       message_ = path.string() + ": opened again with --state";
       tell({{"event", "state"}, {"file", path.string()}});
@@ -273,9 +275,7 @@ class Viewer {
     recording_ = false;
     if (recorded_.empty()) return;
     say_failure([&] {
-      RenderSettings settings = render_preset(scene_.avatar(), state_.quality);
-      for (const auto& [knob, value] : state_.knobs) set_render_knob(settings, knob, value);
-      worker_->start(video_job(free_name(options_.out, "video", ".mp4"), recorded_, settings, kVideoRate));
+      worker_->start(video_job(free_name(options_.out, "video", ".mp4"), recorded_, render_settings_of(state_, scene_.avatar()), kVideoRate));
     });
   }
 
@@ -347,15 +347,16 @@ class Viewer {
     if (place_.width < 1 || place_.height < 1) return;
     ImDrawList& list = *ImGui::GetBackgroundDrawList();
     const auto color = [](const OverlayColor& c) { return IM_COL32(c.r, c.g, c.b, c.a); };
-    if (state_.skeleton || state_.outlines || state_.handles) {
+    if (state_.skeleton || state_.mesh || state_.handles) {
       const Pose pose = scene_.pose(state_);
-      if (state_.outlines)
+      if (state_.mesh)
         for (const OverlayLine& line : overlay_.lines(camera_, scene_.vertices(state_, pose))) list.AddLine(in_window(line.from), in_window(line.to), color(line.color));
       const SkeletonOverlay skeleton = skeleton_overlay(camera_, scene_.motion().skeleton, scene_.joints(state_, pose));
       if (state_.skeleton || state_.handles)
         for (const OverlayLine& line : skeleton.bones) list.AddLine(in_window(line.from), in_window(line.to), color(line.color), 2);
       for (const OverlayJoint& joint : skeleton.joints) {
-        if (state_.handles) list.AddCircle(in_window(joint.place), joint.joint == state_.joint ? 8.0f : 6.0f, color(joint.color), 0, joint.joint == state_.joint ? 3.0f : 1.5f);
+        const bool chosen = scene_.motion().skeleton.names[static_cast<size_t>(joint.joint)] == state_.joint;
+        if (state_.handles) list.AddCircle(in_window(joint.place), chosen ? 8.0f : 6.0f, color(joint.color), 0, chosen ? 3.0f : 1.5f);
         else if (state_.skeleton) list.AddCircleFilled(in_window(joint.place), 3, color(joint.color));
       }
       if (state_.handles && options_.events) tell_joints(skeleton);
@@ -527,14 +528,17 @@ class Viewer {
 
 }  // namespace
 
-int view(const ViewerOptions& options) {
+int view(const ViewerOptions& given) {
+  ViewerOptions options = given;
   const auto avatar = std::make_shared<const Avatar>(load_avatar(FollowedRun::first_file(options.avatar)));
-  const bool reopens = !options.state.empty() && fs::exists(options.state);
-  ViewState state = reopens ? read_view_state(options.state) : Scene(avatar, options.motion).initial_state();
+  std::optional<ViewState> saved;
+  if (!options.state.empty() && fs::exists(options.state)) saved = read_view_state(options.state);
+  if (saved && !saved->split.empty() && !options.split_given) options.motion.split = saved->split;
+  ViewState state = saved ? *saved : Scene(avatar, options.motion).initial_state();
   if (options.quality) state.quality = *options.quality, state.knobs.clear();
-  if (options.width) state.width = *options.width;
-  if (options.height) state.height = *options.height;
-  Window window("arah " + options.avatar.filename().string(), state.width, state.height);
+  if (options.width) state.window_width = *options.width;
+  if (options.height) state.window_height = *options.height;
+  Window window("arah " + options.avatar.filename().string(), state.window_width, state.window_height);
   DeviceOptions device_options = options.device;
   device_options.window_extensions = window.vulkan_extensions();
   device_options.profile = true;

@@ -13,6 +13,7 @@ namespace arah {
 struct ViewerOptions {
   std::filesystem::path avatar;        // a file, or the folder of a run; either is followed where it is written anew
   MotionOptions motion;
+  bool split_given = false;            // motion.split is wanted whatever the state says
   std::filesystem::path state;         // to open with, where it is there, and to save to; empty: view.json in `out`, opened by no one
   std::filesystem::path out = ".";     // for screenshots, videos, meshes
   std::optional<std::string> quality;  // preset of a picture at rest, ahead of the state's

@@ -12,6 +12,7 @@
 #include "tests/host/body/rigs.h"
 #include "tests/host/body/small_smpl.h"
 #include "tests/host/evaluation/onnx_file.h"
+#include "viewer/view_state.h"
 
 namespace arah {
 namespace {
@@ -123,6 +124,12 @@ void add_avatars(Seeds& seeds) {
 void add_settings_and_surfaces(Seeds& seeds) {
   seeds.add("settings", settings_to_json(preset_settings("tiny")));
   seeds.add("settings", pretrain_settings_to_json(preset_pretrain_settings("tiny")));
+  ViewState view;
+  view.turns["head"] = {0, 1, 0};
+  view.shape = {0.5};
+  view.latent_row = view.blend_frame = 3;
+  view.knobs["samples"] = "24";
+  seeds.add("view_state", view_state_json(view));
   std::string ply = "ply\nformat binary_little_endian 1.0\ncomment small\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nproperty uchar part\nend_header\n";
   ply += python::raw<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}) + "\3" + python::raw<std::int32_t>({0, 1, 2}) + "\1";
   seeds.add("true_surface", ply);
