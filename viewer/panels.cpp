@@ -72,57 +72,61 @@ void Panels::note(const std::string& name) {
   places_[name] = {0.5f * (low.x + high.x), 0.5f * (low.y + high.y)};
 }
 
-std::vector<Wish> Panels::keys(ViewState& state) {
-  std::vector<Wish> wishes;
-  const ImGuiIO& io = ImGui::GetIO();
-  if (io.WantTextInput) return wishes;
-  const auto pressed = [](int key) { return ImGui::IsKeyPressed(key, false); };
-  if (io.KeyCtrl) {
-    if (pressed(GLFW_KEY_Q)) wishes.push_back(Wish::quit);
-    if (pressed(GLFW_KEY_S)) wishes.push_back(Wish::save_state);
-    if (pressed(GLFW_KEY_Z)) edits_.undo();
-    if (pressed(GLFW_KEY_Y)) edits_.redo();
-    return wishes;
+std::vector<Wish> Panels::key(ViewState& state, const KeyPress& press) {
+  if (ImGui::GetIO().WantTextInput) return {};
+  if (press.control) {
+    switch (press.key) {
+      case GLFW_KEY_Q: return {Wish::quit};
+      case GLFW_KEY_S: return {Wish::save_state};
+      case GLFW_KEY_Z: edits_.undo(); return {};
+      case GLFW_KEY_Y: edits_.redo(); return {};
+      default: return {};
+    }
   }
-  const int step = io.KeyShift ? -1 : 1;
   const Motion& motion = scene_.motion();
-  if (pressed(GLFW_KEY_F)) wishes.push_back(Wish::front);
-  if (pressed(GLFW_KEY_T)) state.turntable = state.turntable == 0 ? kTurntable : 0;
-  if (pressed(GLFW_KEY_C) && !scene_.cameras().empty()) {
-    std::vector<std::string> names;
-    for (const Camera& camera : scene_.cameras()) names.push_back(camera.name);
-    state.camera = next_of(names, state.camera, step);
-  }
-  if (pressed(GLFW_KEY_V)) state.camera.clear();
-  if (pressed(GLFW_KEY_B)) state.comparison.mode = next_of(kModes, state.comparison.mode, step);
-  if (pressed(GLFW_KEY_L)) state.layer = next_of(layer_names(), state.layer, step);
-  if (pressed(GLFW_KEY_K)) state.skeleton = !state.skeleton;
-  if (pressed(GLFW_KEY_O)) state.mesh = !state.mesh;
-  if (pressed(GLFW_KEY_J)) state.handles = !state.handles && scene_.posable();
-  if (pressed(GLFW_KEY_X)) edits_.change({});
-  if (pressed(GLFW_KEY_SPACE)) {
-    if (state.timeline.playing) state.timeline.playing = false;
-    else state.timeline = played(state.timeline, motion);
-  }
-  if (ImGui::IsKeyPressed(GLFW_KEY_RIGHT)) state.timeline = stepped(state.timeline, motion, 1);
-  if (ImGui::IsKeyPressed(GLFW_KEY_LEFT)) state.timeline = stepped(state.timeline, motion, -1);
-  if (pressed(GLFW_KEY_UP)) state.timeline.speed = std::min(kFastest, 2 * state.timeline.speed);
-  if (pressed(GLFW_KEY_DOWN)) state.timeline.speed = std::max(kSlowest, 0.5 * state.timeline.speed);
-  for (int i = 0; i < static_cast<int>(render_presets().size()); ++i)
-    if (pressed(GLFW_KEY_1 + i)) {
+  // Held down, these go on.
+  if (press.key == GLFW_KEY_RIGHT) state.timeline = stepped(state.timeline, motion, 1);
+  if (press.key == GLFW_KEY_LEFT) state.timeline = stepped(state.timeline, motion, -1);
+  if (press.repeated) return {};
+
+  const int step = press.shift ? -1 : 1;
+  switch (press.key) {
+    case GLFW_KEY_F: return {Wish::front};
+    case GLFW_KEY_S: return {Wish::screenshot};
+    case GLFW_KEY_M: return {Wish::record};
+    case GLFW_KEY_P: return {Wish::export_mesh};
+    case GLFW_KEY_T: state.turntable = state.turntable == 0 ? kTurntable : 0; break;
+    case GLFW_KEY_C: {
+      std::vector<std::string> names;
+      for (const Camera& camera : scene_.cameras()) names.push_back(camera.name);
+      if (!names.empty()) state.camera = next_of(names, state.camera, step);
+      break;
+    }
+    case GLFW_KEY_V: state.camera.clear(); break;
+    case GLFW_KEY_B: state.comparison.mode = next_of(kModes, state.comparison.mode, step); break;
+    case GLFW_KEY_L: state.layer = next_of(layer_names(), state.layer, step); break;
+    case GLFW_KEY_K: state.skeleton = !state.skeleton; break;
+    case GLFW_KEY_O: state.mesh = !state.mesh; break;
+    case GLFW_KEY_J: state.handles = !state.handles && scene_.posable(); break;
+    case GLFW_KEY_X: edits_.change({}); break;
+    case GLFW_KEY_E: state.compare_with_exact = !state.compare_with_exact; break;
+    case GLFW_KEY_SPACE:
+      if (state.timeline.playing) state.timeline.playing = false;
+      else state.timeline = played(state.timeline, motion);
+      break;
+    case GLFW_KEY_UP: state.timeline.speed = std::min(kFastest, 2 * state.timeline.speed); break;
+    case GLFW_KEY_DOWN: state.timeline.speed = std::max(kSlowest, 0.5 * state.timeline.speed); break;
+    case GLFW_KEY_ESCAPE: shows_keys_ = false; break;
+    default: {
+      const auto preset = static_cast<size_t>(press.key - GLFW_KEY_1);
+      if (press.key < GLFW_KEY_1 || preset >= render_presets().size()) break;
       ViewState other = state;
-      other.quality = render_presets()[static_cast<size_t>(i)];
+      other.quality = render_presets()[preset];
       other.knobs.clear();
       state = scene_.fitting(other);
     }
-  if (pressed(GLFW_KEY_E)) state.compare_with_exact = !state.compare_with_exact;
-  if (pressed(GLFW_KEY_S)) wishes.push_back(Wish::screenshot);
-  if (pressed(GLFW_KEY_M)) wishes.push_back(Wish::record);
-  if (pressed(GLFW_KEY_P)) wishes.push_back(Wish::export_mesh);
-  if (pressed(GLFW_KEY_ESCAPE)) shows_keys_ = false;
-  for (const ImWchar letter : io.InputQueueCharacters)
-    if (letter == '?') shows_keys_ = !shows_keys_;
-  return wishes;
+  }
+  return {};
 }
 
 std::vector<Wish> Panels::draw(ViewState& state, const PanelFacts& facts, float width, float height) {
@@ -151,6 +155,10 @@ std::vector<Wish> Panels::draw(ViewState& state, const PanelFacts& facts, float 
   if (!facts.message.empty()) ImGui::TextWrapped("%s", facts.message.c_str());
   ImGui::TextDisabled("? lists the keys");
   ImGui::End();
+  // The letter, not a key: it lies elsewhere on every keyboard.
+  if (!ImGui::GetIO().WantTextInput)
+    for (const ImWchar letter : ImGui::GetIO().InputQueueCharacters)
+      if (letter == '?') shows_keys_ = !shows_keys_;
   if (shows_keys_) keys_window();
   return wishes;
 }

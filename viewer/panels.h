@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "viewer/scene.h"
+#include "viewer/window.h"
 
 namespace arah {
 
@@ -32,8 +33,8 @@ class Panels {
 
   // Draws them from x = 0 on; width in ImGui's units. Returns what is wished for.
   std::vector<Wish> draw(ViewState& state, const PanelFacts& facts, float width, float height);
-  // What keys do to the state. Not while a text is typed.
-  std::vector<Wish> keys(ViewState& state);
+  // What a key does to the state. Nothing while a text is typed.
+  std::vector<Wish> key(ViewState& state, const KeyPress& press);
 
   bool shows_keys() const { return shows_keys_; }
   // Where the widgets of the last draw() are, by the words on them: their middle, ImGui's units. For tests that use a real hand.

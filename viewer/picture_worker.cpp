@@ -195,9 +195,8 @@ void PictureWorker::run() {
 }
 
 RenderSettings PictureWorker::settings_for(const PictureOrder& order, const Quality& quality) const {
-  RenderSettings settings = render_preset(*shown_, quality.preset);
-  if (quality.preset == order.finest && quality.pixel_step == 1)
-    for (const auto& [knob, value] : order.knobs) set_render_knob(settings, knob, value);
+  const bool changed = quality.preset == order.finest && quality.pixel_step == 1;
+  RenderSettings settings = preset_with_knobs(*shown_, quality.preset, changed ? order.knobs : std::map<std::string, std::string>{});
   settings.normals = order.normals;
   settings.inspect = order.inspection;
   if (device_.report().type == DeviceType::cpu) settings.most_rays = kRaysOnCpu;

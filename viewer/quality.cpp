@@ -6,8 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include "host/rendering/render_settings.h"
-
 namespace arah {
 namespace {
 
@@ -16,6 +14,13 @@ constexpr double kNextPreset = 4;  // about what each preset costs more than the
 }  // namespace
 
 std::string to_string(const Quality& quality) { return quality.pixel_step == 1 ? quality.preset : fmt::format("{} 1/{}", quality.preset, quality.pixel_step); }
+
+RenderSettings preset_with_knobs(const Avatar& avatar, const std::string& preset, const std::map<std::string, std::string>& knobs) {
+  RenderSettings settings = render_preset(avatar, preset);
+  for (const std::string& knob : render_knobs())
+    if (const auto found = knobs.find(knob); found != knobs.end()) set_render_knob(settings, knob, found->second);
+  return settings;
+}
 
 std::vector<Quality> qualities(const Avatar& avatar) {
   std::vector<Quality> all;

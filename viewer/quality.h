@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "host/avatar/avatar.h"
+#include "host/rendering/render_settings.h"
 
 namespace arah {
 
@@ -18,6 +18,9 @@ struct Quality {
   auto operator<=>(const Quality&) const = default;
 };
 std::string to_string(const Quality& quality);  // "preview 1/4"
+
+// The preset with these knobs changed, set in the order of render_knobs(). Throws InputError as render_preset() and set_render_knob() do.
+RenderSettings preset_with_knobs(const Avatar& avatar, const std::string& preset, const std::map<std::string, std::string>& knobs);
 
 // The qualities that this avatar can be drawn in, finest first: "paper" to "preview" at every pixel, then fewer pixels of the quickest.
 // A density has no "preview" (render_preset()).

@@ -11,6 +11,7 @@
 
 #include "host/body/json_fields.h"
 #include "host/file_writing.h"
+#include "viewer/quality.h"
 
 namespace arah {
 namespace {
@@ -302,11 +303,6 @@ void set_edits(ViewState& state, const Skeleton& skeleton, const PoseEdits& edit
   state.shift = edits.shift;
 }
 
-RenderSettings render_settings_of(const ViewState& state, const Avatar& avatar) {
-  RenderSettings settings = render_preset(avatar, state.quality);
-  for (const std::string& knob : render_knobs())
-    if (const auto found = state.knobs.find(knob); found != state.knobs.end()) set_render_knob(settings, knob, found->second);
-  return settings;
-}
+RenderSettings render_settings_of(const ViewState& state, const Avatar& avatar) { return preset_with_knobs(avatar, state.quality, state.knobs); }
 
 }  // namespace arah

@@ -71,7 +71,7 @@ ViewState read_view_state(const std::filesystem::path& path);
 PoseEdits edits_of(const ViewState& state, const Skeleton& skeleton, const std::string& where);
 void set_edits(ViewState& state, const Skeleton& skeleton, const PoseEdits& edits);
 
-// The preset with the knobs, set in the order of render_knobs(). Throws InputError as render_preset() and set_render_knob() do.
+// preset_with_knobs() (quality.h).
 RenderSettings render_settings_of(const ViewState& state, const Avatar& avatar);
 
 }  // namespace arah

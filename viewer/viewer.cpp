@@ -132,7 +132,10 @@ class Viewer {
     if (state_.turntable != 0 && state_.camera.empty()) state_.viewpoint.yaw = std::remainder(state_.viewpoint.yaw + state_.turntable * passed, 2 * std::numbers::pi);
     const ViewState before = state_;
     place_picture();
-    for (const Wish wish : panels_.keys(state_)) grant(wish);
+    for (const KeyPress& press : window_.take_keys()) {
+      dismiss_hint();
+      for (const Wish wish : panels_.key(state_, press)) grant(wish);
+    }
     hands();
     if (options_.measure) measure();
     panels();
@@ -348,10 +351,14 @@ class Viewer {
     ImDrawList& list = *ImGui::GetBackgroundDrawList();
     const auto color = [](const OverlayColor& c) { return IM_COL32(c.r, c.g, c.b, c.a); };
     if (state_.skeleton || state_.mesh || state_.handles) {
-      const Pose pose = scene_.pose(state_);
+      // Over a picture that is behind, where it is; a hand that drags sees where it is.
+      const auto answered = drawn_ && !held_ ? orders_.find(drawn_->order) : orders_.end();
+      const bool behind = answered != orders_.end() && answered->second.camera.width == camera_.width && answered->second.camera.height == camera_.height;
+      const Pose pose = behind ? answered->second.pose : scene_.pose(state_);
+      const Camera camera = behind ? answered->second.camera : camera_;
       if (state_.mesh)
-        for (const OverlayLine& line : overlay_.lines(camera_, scene_.vertices(state_, pose))) list.AddLine(in_window(line.from), in_window(line.to), color(line.color));
-      const SkeletonOverlay skeleton = skeleton_overlay(camera_, scene_.motion().skeleton, scene_.joints(state_, pose));
+        for (const OverlayLine& line : overlay_.lines(camera, scene_.vertices(state_, pose))) list.AddLine(in_window(line.from), in_window(line.to), color(line.color));
+      const SkeletonOverlay skeleton = skeleton_overlay(camera, scene_.motion().skeleton, scene_.joints(state_, pose));
       if (state_.skeleton || state_.handles)
         for (const OverlayLine& line : skeleton.bones) list.AddLine(in_window(line.from), in_window(line.to), color(line.color), 2);
       for (const OverlayJoint& joint : skeleton.joints) {
@@ -403,6 +410,8 @@ class Viewer {
     PictureOrder wanted = scene_.order(state_, room_.width, room_.height);
     if (ordered_ && *ordered_ == wanted) return;
     newest_ = worker_->order(wanted);
+    if (drawn_) orders_.erase(orders_.begin(), orders_.lower_bound(drawn_->order));
+    orders_[newest_] = wanted;
     ordered_ = std::move(wanted);
     last_order_ = woke;
     asked_.emplace_back(newest_, woke);
@@ -475,7 +484,9 @@ class Viewer {
   }
 
   void tell(const nlohmann::ordered_json& event) const {
-    if (options_.events) write_text(stdout, event.dump() + "\n");
+    if (!options_.events) return;
+    write_text(stdout, event.dump() + "\n");
+    std::fflush(stdout);  // whoever listens waits for it
   }
 
   const ViewerOptions& options_;
@@ -497,6 +508,7 @@ class Viewer {
   std::optional<HeldJoint> held_;
 
   std::optional<PictureOrder> ordered_;
+  std::map<uint64_t, PictureOrder> orders_;  // by number, from the one that is on the screen on
   uint64_t newest_ = 0;
   std::optional<DrawnPicture> drawn_;
   struct Composed {

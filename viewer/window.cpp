@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <stdexcept>
+#include <utility>
 
 namespace arah {
 namespace {
@@ -42,7 +43,14 @@ Window::Window(const std::string& title, int width, int height) {
     glfwTerminate();
     throw error;
   }
+  glfwSetWindowUserPointer(handle_, this);
+  // ImGui's back end, made later, calls this one too.
+  glfwSetKeyCallback(handle_, [](GLFWwindow* window, int key, int, int action, int modifiers) {
+    if (action != GLFW_RELEASE) static_cast<Window*>(glfwGetWindowUserPointer(window))->keys_.push_back({key, (modifiers & GLFW_MOD_SHIFT) != 0, (modifiers & GLFW_MOD_CONTROL) != 0, action == GLFW_REPEAT});
+  });
 }
+
+std::vector<KeyPress> Window::take_keys() { return std::exchange(keys_, {}); }
 
 Window::~Window() {
   glfwDestroyWindow(handle_);

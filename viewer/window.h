@@ -14,6 +14,12 @@ struct FramebufferSize {
   bool operator==(const FramebufferSize&) const = default;
 };
 
+// A key that went down, or repeats while it is held.
+struct KeyPress {
+  int key = 0;  // GLFW_KEY_…
+  bool shift = false, control = false, repeated = false;
+};
+
 // One at a time, on the thread of main().
 class Window {
  public:
@@ -34,6 +40,9 @@ class Window {
   void resize(int width, int height);
   void set_title(const std::string& title);
 
+  // Those since the last call, in their order: none is lost that came and went between two frames.
+  std::vector<KeyPress> take_keys();
+
   // Waits for events, at most so long, and handles them.
   void wait(double seconds) const;
   // Ends a wait from another thread.
@@ -42,6 +51,7 @@ class Window {
  private:
   GLFWwindow* handle_ = nullptr;
   std::vector<std::string> extensions_;
+  std::vector<KeyPress> keys_;
 };
 
 }  // namespace arah

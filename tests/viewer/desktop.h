@@ -52,6 +52,14 @@ class Desktop {
     ::close(number[0]);
     if (length <= 0) throw std::runtime_error("Xvfb did not start: " + read_all(folder_ / "xvfb.txt"));
     display_ = ":" + std::to_string(std::atoi(text));
+    // It tells its number a moment before it answers.
+    for (int tries = 0; tries < 200; ++tries) {
+      if (std::system(fmt::format("DISPLAY={} xdotool getdisplaygeometry >/dev/null 2>&1", display_).c_str()) == 0) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+    ::kill(server_, SIGTERM);
+    ::waitpid(server_, nullptr, 0);
+    throw std::runtime_error("Xvfb does not answer: " + read_all(folder_ / "xvfb.txt"));
   }
   ~Desktop() {
     ::kill(server_, SIGTERM);
