@@ -31,10 +31,12 @@ ViewState changed_state() {
   state.shape = {0.5, -1.5, 0};
   state.layer = "skinning_weights";
   state.joint = "left_knee";
-  state.skeleton = state.mesh = true;
+  state.slice = -0.125;
+  state.skeleton = state.mesh = state.handles = true;
   state.comparison = {ComparisonMode::split, 0.3, 2.5, 8};
   state.quality = "fast";
   state.knobs = {{"samples", "24"}, {"sampling_mode", "uniform"}, {"surface", "mesh"}};
+  state.compare_with_exact = true;
   state.window_width = 1920;
   state.window_height = 1081;
   state.hint_seen = true;
@@ -65,7 +67,7 @@ TEST(ViewStateTest, EveryFieldCounts) {
   const nlohmann::json changed = nlohmann::json::parse(view_state_json(changed_state())), plain = nlohmann::json::parse(view_state_json({}));
   std::map<std::string, nlohmann::json> values;
   collect(changed, "", values);
-  EXPECT_EQ(values.size(), 1u + 6 + 2 + 6 + 2 + 3 + 2 + 2 + 2 + 4 + 4 + 2 + 1);
+  EXPECT_EQ(values.size(), 1u + 6 + 2 + 6 + 2 + 3 + 2 + 3 + 3 + 4 + 5 + 2 + 1);
   for (const auto& [path, value] : values) {
     const nlohmann::json::json_pointer at(path);
     if (path == "/arah_view") continue;
@@ -110,6 +112,7 @@ TEST(ViewStateTest, RefusesWhatItDoesNotKnow) {
   refused("/shape", nlohmann::json::array({"a"}), {"shape"});
   refused("/shape", std::vector<double>(65), {"shape", "at most 64"});
   refused("/layer/name", std::string(2000, 'a'), {"layer.name", "at most 1000"});
+  refused("/layer/slice", 2.5, {"layer.slice"});
   refused("/overlays/mesh", nullptr, {"overlays.mesh"});
   refused("/comparison/mode", "wipe", {"comparison.mode", "error_map"});
   refused("/comparison/position", -0.1, {"comparison.position"});
