@@ -213,6 +213,7 @@ PictureLayer layer_named(const std::string& name) {
 
 bool needs_inspection(PictureLayer layer) { return layer != PictureLayer::slice && layer != PictureLayer::color && layer != PictureLayer::normal && layer != PictureLayer::depth; }
 bool needs_normals(PictureLayer layer) { return layer == PictureLayer::normal; }
+bool needs_renderer(PictureLayer layer) { return layer == PictureLayer::weights || layer == PictureLayer::slice; }
 
 std::string describe(const Legend& legend) {
   if (legend.colors.empty()) return legend.text;

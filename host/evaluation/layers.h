@@ -16,6 +16,7 @@ const std::vector<PictureLayer>& all_layers();
 PictureLayer layer_named(const std::string& name);  // throws InputError naming them all
 bool needs_inspection(PictureLayer layer);  // RenderSettings::inspect
 bool needs_normals(PictureLayer layer);     // RenderSettings::normals
+bool needs_renderer(PictureLayer layer);    // weights and slice: more than the picture
 
 using Rgb = std::array<uint8_t, 3>;
 
