@@ -54,40 +54,83 @@ View chosen_view(const Options& options, const Avatar& avatar) {
   return view;
 }
 
+// "weights:left_knee": a layer, of a joint. Throws InputError for what is no layer, or takes no joint.
+struct AskedLayer {
+  PictureLayer layer = PictureLayer::color;
+  std::string joint;  // empty: none was named
+
+  explicit AskedLayer(const std::string& text) : layer(layer_named(text.substr(0, text.find(':')))) {
+    const std::size_t colon = text.find(':');
+    if (colon == std::string::npos) return;
+    joint = text.substr(colon + 1);
+    if (layer != PictureLayer::weights && layer != PictureLayer::slice) throw InputError("layer", "", "a joint's name after weights: or slice: alone", "'" + text + "'");
+    if (joint.empty()) throw InputError("layer", "", "a joint's name after the colon", "'" + text + "'");
+  }
+  // -1 without one. Throws InputError for a joint that the body does not have.
+  int joint_of(const Skeleton& skeleton) const {
+    const int found = joint.empty() ? -1 : find_joint(skeleton, joint);
+    if (!joint.empty() && found < 0) throw InputError(fmt::format("layer {}", to_string(layer)), "", fmt::format("a joint of the body, one of {}", fmt::join(skeleton.names, ", ")), "'" + joint + "'");
+    return found;
+  }
+  std::string file_stem() const {
+    std::string stem = joint.empty() ? to_string(layer) : fmt::format("{}_{}", to_string(layer), joint);
+    for (char& letter : stem)
+      if (!std::isalnum(static_cast<unsigned char>(letter)) && letter != '-') letter = '_';
+    return stem;
+  }
+};
+
+std::string is_layer(const std::string& text) {
+  try {
+    AskedLayer{text};
+  } catch (const InputError& error) {
+    const std::string text_of_error = error.what();
+    return text_of_error.substr(0, text_of_error.find_last_not_of('.') + 1);  // the program ends the sentence
+  }
+  return "";
+}
+
 // With what its colours mean: empty for colour, depth and normals, whose files hold the numbers.
 struct LayerFile {
   std::vector<uint8_t> png;
   std::string legend;
 };
 
-LayerFile layer_file(const Picture& picture, const Avatar& avatar, PictureLayer layer) {
-  if (layer == PictureLayer::color) return {encode_png(straight_alpha(picture.color, picture.alpha, picture.width, picture.height), picture.width, picture.height, 4), ""};
-  if (layer == PictureLayer::depth) return {encode_depth_png(picture.depth, picture.width, picture.height), ""};
-  if (layer == PictureLayer::normal) return {encode_png(normals_to_rgb(picture.normal, picture.width, picture.height), picture.width, picture.height, 3), ""};
-  const LayerImage image = layer_image(layer, picture, avatar);
+LayerFile layer_file(Renderer& renderer, const Avatar& avatar, const View& view, const Picture& picture, const AskedLayer& asked) {
+  if (asked.layer == PictureLayer::color) return {encode_png(straight_alpha(picture.color, picture.alpha, picture.width, picture.height), picture.width, picture.height, 4), ""};
+  if (asked.layer == PictureLayer::depth) return {encode_depth_png(picture.depth, picture.width, picture.height), ""};
+  if (asked.layer == PictureLayer::normal) return {encode_png(normals_to_rgb(picture.normal, picture.width, picture.height), picture.width, picture.height, 3), ""};
+  LayerImage image;
+  if (asked.layer == PictureLayer::weights) {
+    image = weights_layer(renderer, avatar, picture, view.camera, view.pose, asked.joint_of(avatar.body.skeleton));
+  } else if (asked.layer == PictureLayer::slice) {
+    const int joint = asked.joint_of(avatar.body.skeleton);
+    glm::dvec3 through(0.0);
+    if (joint < 0) {
+      const std::vector<glm::vec3> body = posed_vertices(avatar.body, view.pose);
+      for (const glm::vec3& vertex : body) through += glm::dvec3(vertex) / double(body.size());
+    } else {
+      through = glm::dvec3(forward_kinematics(avatar.body.skeleton, view.pose)[static_cast<std::size_t>(joint)][3]) + root_translation(avatar.body.skeleton, view.pose);
+    }
+    if (!(view.camera.to_camera(through).z > 0)) throw InputError("layer slice", "", "a plane in front of the camera", fmt::format("its middle {:.2f} m behind", -view.camera.to_camera(through).z));
+    image = slice_layer(renderer.slice(plane_facing(view.camera, through), picture.width, picture.height, view.pose, view.latent_row));
+  } else {
+    image = layer_image(asked.layer, picture, avatar);
+  }
   return {encode_png(image), describe(image.legend)};
 }
 
-std::string is_layer(const std::string& name) {
-  try {
-    layer_named(name);
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "";
-}
-
-// Where each layer goes, in the order of options.layers.
-std::vector<fs::path> layer_files(const Options& options) {
+// Where each layer goes, in their order.
+std::vector<fs::path> layer_files(const Options& options, const std::vector<AskedLayer>& layers) {
   std::vector<fs::path> files;
   const bool named = options.out.extension() == ".png";
-  for (const std::string& layer : options.layers) {
+  for (const AskedLayer& asked : layers) {
     if (!named) {
-      files.push_back(options.out / (layer + ".png"));
-    } else if (options.layers.size() == 1 || layer == "color") {
+      files.push_back(options.out / (asked.file_stem() + ".png"));
+    } else if (layers.size() == 1 || asked.layer == PictureLayer::color) {
       files.push_back(options.out);
     } else {
-      files.push_back(options.out.parent_path() / fmt::format("{}_{}.png", options.out.stem().string(), layer));
+      files.push_back(options.out.parent_path() / fmt::format("{}_{}.png", options.out.stem().string(), asked.file_stem()));
     }
   }
   if (!named) make_folder(options.out);
@@ -102,19 +145,22 @@ int render(const Options& options) {
   const View view = chosen_view(options, avatar);
   Device device(options.device);
   RenderSettings settings = options.quality.settings(avatar);
-  std::vector<PictureLayer> layers;
-  for (const std::string& name : options.layers) layers.push_back(layer_named(name));
-  settings.normals = std::any_of(layers.begin(), layers.end(), needs_normals);
-  settings.inspect = std::any_of(layers.begin(), layers.end(), needs_inspection);
+  std::vector<AskedLayer> layers;
+  for (const std::string& text : options.layers) {
+    layers.emplace_back(text);
+    layers.back().joint_of(avatar.body.skeleton);
+    settings.normals = settings.normals || needs_normals(layers.back().layer);
+    settings.inspect = settings.inspect || needs_inspection(layers.back().layer);
+  }
   Renderer renderer(device, avatar, settings);
   Progress progress("render", 1.0, "");
   const Picture picture = renderer.render(view.camera, view.pose, view.latent_row, [&](const PictureSoFar& so_far) {
     progress.update(so_far.part);
     return true;
   });
-  const std::vector<fs::path> files = layer_files(options);
+  const std::vector<fs::path> files = layer_files(options, layers);
   for (std::size_t i = 0; i < files.size(); ++i) {
-    const LayerFile file = layer_file(picture, avatar, layers[i]);
+    const LayerFile file = layer_file(renderer, avatar, view, picture, layers[i]);
     write_file_safely(files[i], file.png);
     progress.say(file.legend.empty() ? files[i].string() : fmt::format("{}  {}", files[i].string(), file.legend));
   }
@@ -151,7 +197,9 @@ void add_render_command(CLI::App& program, Run& run) {
       ->add_option("--layers", options->layers,
                    "with commas between: color (RGBA), depth (16-bit grey, millimetres along the ray, 0 = nothing), "
                    "normal (world axes, n/2 + 1/2), and in colours that a line beside the file's name explains: canonical (where on the "
-                   "canonical body: red x, green y, blue z, lines every 10 cm), samples (colours evaluated along the ray), steps (of the root "
+                   "canonical body: red x, green y, blue z, lines every 10 cm), weights (skinning weights of all joints, mixed) or weights:JOINT, "
+                   "slice (signed distances on a plane parallel to the picture through the body's middle: blue inside, red outside, lines every "
+                   "cm) or slice:JOINT (through that joint), samples (colours evaluated along the ray), steps (of the root "
                    "search, mean of the ray's samples), failures (share of the ray's samples for which no root was found)")
       ->delimiter(',')
       ->check(is_layer)

@@ -19,13 +19,18 @@ constexpr double most_mean_steps = 8;     // of the scale
 constexpr double line_spacing = 0.1;      // metres between lines of the canonical layer
 constexpr double line_shade = 0.55;
 constexpr double body_shade = 0.6, least_grey = 0.12;  // of the picture behind failures
+constexpr Rgb no_weight{222, 224, 228}, half_weight{250, 165, 45}, all_weight{165, 0, 30};
+constexpr double farthest_distance = 0.1, distance_spacing = 0.01, distance_shade = 0.82;  // of the slice; metres, but the last
+constexpr double most_strips = 2;  // that neighbouring pixels lie apart
+constexpr std::size_t weights_at_a_time = 65536;
+constexpr Rgb deep_inside{25, 80, 170}, at_surface{255, 255, 255}, far_outside{205, 75, 60}, without_distance{110, 110, 110};
 constexpr Rgb few_failures{255, 225, 60}, all_failures{255, 0, 80};
 
 struct LayerName {
   PictureLayer layer;
   const char* name;
 };
-constexpr std::array<LayerName, 7> layer_names{{{PictureLayer::color, "color"}, {PictureLayer::normal, "normal"}, {PictureLayer::depth, "depth"}, {PictureLayer::canonical, "canonical"}, {PictureLayer::samples, "samples"}, {PictureLayer::steps, "steps"}, {PictureLayer::failures, "failures"}}};
+constexpr std::array<LayerName, 9> layer_names{{{PictureLayer::color, "color"}, {PictureLayer::normal, "normal"}, {PictureLayer::depth, "depth"}, {PictureLayer::canonical, "canonical"}, {PictureLayer::weights, "weights"}, {PictureLayer::slice, "slice"}, {PictureLayer::samples, "samples"}, {PictureLayer::steps, "steps"}, {PictureLayer::failures, "failures"}}};
 
 uint8_t in_byte(double value) { return static_cast<uint8_t>(std::lround(255 * std::clamp(value, 0.0, 1.0))); }
 
@@ -53,6 +58,13 @@ std::vector<Rgb> two_color_scale(const Rgb& low, const Rgb& high) {
   return scale;
 }
 
+std::vector<Rgb> three_color_scale(const Rgb& low, const Rgb& middle, const Rgb& high) {
+  std::vector<Rgb> scale = two_color_scale(low, middle);
+  const std::vector<Rgb> upper = two_color_scale(middle, high);
+  scale.insert(scale.end(), upper.begin() + 1, upper.end());
+  return scale;
+}
+
 Rgb on_scale(const Legend& legend, double value) {
   const double part = std::clamp((value - legend.low) / (legend.high - legend.low), 0.0, 1.0);
   return legend.colors[static_cast<std::size_t>(std::lround(part * double(legend.colors.size() - 1)))];
@@ -65,12 +77,13 @@ const Inspection& inspected(const Picture& picture, const char* layer) {
 
 class Canvas {
  public:
-  Canvas(const Picture& picture, Legend legend) {
-    image_.width = picture.width;
-    image_.height = picture.height;
-    image_.rgba.assign(4 * picture.alpha.size(), 0);
+  Canvas(int width, int height, Legend legend) {
+    image_.width = width;
+    image_.height = height;
+    image_.rgba.assign(4 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0);
     image_.legend = std::move(legend);
   }
+  Canvas(const Picture& picture, Legend legend) : Canvas(picture.width, picture.height, std::move(legend)) {}
   void set(std::size_t pixel, const Rgb& color, double alpha = 1) {
     std::copy(color.begin(), color.end(), image_.rgba.begin() + static_cast<std::ptrdiff_t>(4 * pixel));
     image_.rgba[4 * pixel + 3] = in_byte(alpha);
@@ -198,12 +211,13 @@ PictureLayer layer_named(const std::string& name) {
   throw InputError("layer", "", fmt::format("one of {}", fmt::join(names, ", ")), "'" + name + "'");
 }
 
-bool needs_inspection(PictureLayer layer) { return layer != PictureLayer::color && layer != PictureLayer::normal && layer != PictureLayer::depth; }
+bool needs_inspection(PictureLayer layer) { return layer != PictureLayer::slice && layer != PictureLayer::color && layer != PictureLayer::normal && layer != PictureLayer::depth; }
 bool needs_normals(PictureLayer layer) { return layer == PictureLayer::normal; }
+bool needs_renderer(PictureLayer layer) { return layer == PictureLayer::weights || layer == PictureLayer::slice; }
 
 std::string describe(const Legend& legend) {
   if (legend.colors.empty()) return legend.text;
-  return fmt::format("{}: {:.4g} to {:.4g} {}", legend.text, legend.low, legend.high, legend.unit);
+  return fmt::format("{}: {:.4g} to {:.4g}{}{}", legend.text, legend.low, legend.high, legend.unit.empty() ? "" : " ", legend.unit);
 }
 
 std::vector<uint8_t> encode_png(const LayerImage& image) {
@@ -222,8 +236,78 @@ LayerImage layer_image(PictureLayer layer, const Picture& picture, const Avatar&
     case PictureLayer::samples: return samples_layer(picture);
     case PictureLayer::steps: return steps_layer(picture);
     case PictureLayer::failures: return failures_layer(picture);
+    case PictureLayer::weights:
+    case PictureLayer::slice: break;
   }
-  throw std::invalid_argument("a layer without a picture");
+  throw std::invalid_argument(fmt::format("layer {} of a picture alone", to_string(layer)));
+}
+
+Rgb joint_color(std::size_t joint) {
+  const double hue = 6 * std::fmod(0.618034 * double(joint), 1.0), value = joint % 2 ? 0.7 : 1.0, pale = joint % 3 == 2 ? 0.35 : 0.0;
+  Rgb color{};
+  for (std::size_t c = 0; c < 3; ++c) {
+    const double pure = std::clamp(std::abs(std::fmod(hue + (c == 0 ? 0.0 : c == 1 ? 4.0 : 2.0), 6.0) - 3) - 1, 0.0, 1.0);
+    color[c] = in_byte(value * (pale + (1 - pale) * pure));
+  }
+  return color;
+}
+
+LayerImage weights_layer(Renderer& renderer, const Avatar& avatar, const Picture& picture, const Camera& camera, const Pose& pose, int joint) {
+  const std::vector<std::array<float, 4>>& places = inspected(picture, "weights").canonical;
+  const std::vector<std::string>& names = avatar.body.skeleton.names;
+  const std::size_t joints = names.size();
+  if (joint < -1 || joint >= static_cast<int>(joints)) throw std::invalid_argument(fmt::format("weights of joint {} of {}", joint, joints));
+  Canvas canvas(picture, joint < 0 ? Legend{.text = "skinning weights: each joint in a colour of its own, mixed"}
+                                   : Legend{fmt::format("skinning weight of {}", names[static_cast<std::size_t>(joint)]), 0, 1, "", three_color_scale(no_weight, half_weight, all_weight)});
+  const bool by_posed_points = avatar.spec.skinning.kind == Skinning::backward;
+  const glm::dvec3 root = root_translation(avatar.body.skeleton, pose);
+  std::vector<glm::vec3> points;
+  std::vector<std::size_t> pixels;
+  const auto draw = [&] {
+    const std::vector<float> weights = renderer.skinning_weights(points);
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      const float* of_point = &weights[i * joints];
+      Rgb color{};
+      std::array<double, 3> sum{};
+      for (std::size_t j = 0; j < joints; ++j)
+        for (std::size_t c = 0; c < 3; ++c) sum[c] += double{of_point[j]} * joint_color(j)[c] / 255;
+      for (std::size_t c = 0; c < 3; ++c) color[c] = in_byte(sum[c]);
+      canvas.set(pixels[i], joint < 0 ? color : on_scale(canvas.legend(), of_point[joint]), places[pixels[i]][3]);
+    }
+    points.clear();
+    pixels.clear();
+  };
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    if (places[i][3] <= 0 || (by_posed_points && picture.depth[i] <= 0)) continue;
+    const PixelRay ray = camera.ray(double(i % static_cast<std::size_t>(picture.width)), double(i / static_cast<std::size_t>(picture.width)));
+    points.push_back(by_posed_points ? glm::vec3(ray.origin + double{picture.depth[i]} * ray.direction - root) : glm::vec3(places[i][0], places[i][1], places[i][2]));
+    pixels.push_back(i);
+    if (points.size() == weights_at_a_time) draw();
+  }
+  if (!points.empty()) draw();
+  return canvas.take();
+}
+
+LayerImage slice_layer(const DistanceSlice& slice) {
+  Canvas canvas(slice.width, slice.height, {"signed distance on the plane, below 0 inside, with lines every centimetre", -farthest_distance, farthest_distance, "m", three_color_scale(deep_inside, at_surface, far_outside)});
+  const auto width = static_cast<std::size_t>(slice.width);
+  const auto strip = [](float d) { return std::floor(double{d} / distance_spacing); };
+  for (std::size_t i = 0; i < slice.distances.size(); ++i) {
+    if (!slice.found[i]) {
+      canvas.set(i, without_distance);
+      continue;
+    }
+    // A line between two pixels that lie in neighbouring strips; where the distance jumps there is none.
+    bool line = false, surface = false;
+    for (const std::size_t next : {(i + 1) % width ? i + 1 : i, i + width < slice.distances.size() ? i + width : i}) {
+      if (!slice.found[next] || std::abs(double{slice.distances[i]}) > farthest_distance || std::abs(strip(slice.distances[i]) - strip(slice.distances[next])) > most_strips) continue;
+      line = line || strip(slice.distances[i]) != strip(slice.distances[next]);
+      surface = surface || (slice.distances[i] < 0) != (slice.distances[next] < 0);
+    }
+    const Rgb color = on_scale(canvas.legend(), slice.distances[i]);
+    canvas.set(i, surface ? Rgb{0, 0, 0} : line ? mixed({0, 0, 0}, color, distance_shade) : color);
+  }
+  return canvas.take();
 }
 
 }  // namespace arah

@@ -92,10 +92,12 @@ uint32_t Renderer::planned_rays() {
     if (samples.has_gaps()) shaded.field().make_room_for_gaps();
     if (samples.opaque()) shaded.field().opaque_distances();
     if (settings_.baked_distances) shaded.field().distances_by_row();
+    std::optional<SkinningWeights> weights;
+    if (settings_.inspect) weights.emplace(device_, networks, avatar_);
     if (!bakes()) return;
     BakedDistances baked(device_, avatar_, settings_.bake_cell);
     baked.make_room_for_points(shaded.field().capacity());
-    SurfaceMesh::Scratch mesh(device_, networks);
+    SkinningWeights of_mesh(device_, networks, avatar_);
   });
 }
 
@@ -112,11 +114,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
     if (progress && !progress({done, picture, rows})) throw RenderingStopped();
   };
   const auto between = [&] { report(0); };
-  commands_.stage("weights");
-  if (avatar_.spec.skinning.kind == Skinning::backward) networks_.record_pose(commands_, posed(pose, between).joint_rotations());
-  networks_.record_pack(commands_, latent_row, settings_.shared_sdf ? std::vector<float>{} : pose_input(avatar_, pose));
-  commands_.submit_and_wait();
-  FrameOnDevice& frame = posed(pose, between);
+  FrameOnDevice& frame = packed(pose, latent_row, between);
   bake(frame, latent_row, between);
 
   picture.width = camera.width;
@@ -141,6 +139,32 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
     render_chunk(frame, camera, {seen.begin() + static_cast<ptrdiff_t>(first), seen.begin() + static_cast<ptrdiff_t>(std::min(seen.size(), first + chunk))}, surface, picture);
   }
   return picture;
+}
+
+// The networks' weights and the frame.
+FrameOnDevice& Renderer::packed(const Pose& pose, std::size_t latent_row, const std::function<void()>& between) {
+  commands_.stage("weights");
+  if (avatar_.spec.skinning.kind == Skinning::backward) networks_.record_pose(commands_, posed(pose, between).joint_rotations());
+  networks_.record_pack(commands_, latent_row, settings_.shared_sdf ? std::vector<float>{} : pose_input(avatar_, pose));
+  commands_.submit_and_wait();
+  return posed(pose, between);
+}
+
+DistanceSlice Renderer::slice(const SlicePlane& plane, int width, int height, const Pose& pose, std::size_t latent_row) {
+  if (avatar_.spec.sdf.kind == FieldKind::density) throw InputError("slice", "", "an avatar with signed distances (sdf.kind sdf)", "one with sdf.kind density");
+  FrameOnDevice& frame = packed(pose, latent_row, {});
+  commands_.stage("slice");
+  const RootFindingCounts before = samples_->root_finder().counts();
+  const DistanceSlice slice = distance_slice(device_, commands_, frame, *samples_, shaded_->field(), {}, avatar_.cube.metres_per_unit(), plane, width, height);
+  samples_->root_finder().restore_counts(before);  // they are of pictures
+  return slice;
+}
+
+std::vector<float> Renderer::skinning_weights(std::span<const glm::vec3> points) {
+  if (!frame_) throw std::logic_error("skinning weights before the first picture");
+  if (!weights_) weights_.emplace(device_, networks_, avatar_);
+  commands_.stage("skinning weights");
+  return weights_->at(commands_, frame_->constants(), points);
 }
 
 // The frame of this pose, with its correspondences where the settings want them.

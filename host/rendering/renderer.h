@@ -6,10 +6,12 @@
 #include <stdexcept>
 #include <vector>
 
+#include "host/rendering/distance_slice.h"
 #include "host/rendering/inspection.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/render_settings.h"
 #include "host/rendering/shaded_rays.h"
+#include "host/rendering/skinning_weights.h"
 #include "host/rendering/surface_mesh.h"
 
 namespace arah {
@@ -50,6 +52,12 @@ class Renderer {
   Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress = {});
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
 
+  // Signed distances on a plane; each point's canonical one by the paper's search and distances from the network, whatever the settings
+  // give up there. Throws InputError for an avatar that has no distances.
+  DistanceSlice slice(const SlicePlane& plane, int width, int height, const Pose& pose, std::size_t latent_row);
+  // SkinningWeights::at in the pose of the last picture or slice. Throws std::logic_error before the first.
+  std::vector<float> skinning_weights(std::span<const glm::vec3> points);
+
   // The next picture is made as if its pose were new.
   void forget_pose() { frame_.reset(); }
 
@@ -72,6 +80,7 @@ class Renderer {
   bool searches_surface() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::search; }
   uint32_t planned_rays();
   Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress);
+  FrameOnDevice& packed(const Pose& pose, std::size_t latent_row, const std::function<void()>& between);
   FrameOnDevice& posed(const Pose& pose, const std::function<void()>& between);
   void bake(FrameOnDevice& frame, std::size_t latent_row, const std::function<void()>& between);
   SurfaceHits find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);
@@ -95,6 +104,7 @@ class Renderer {
   std::optional<SurfaceMesh> mesh_;          // of these distances
   Work work_;
   RayInspector inspector_;
+  std::optional<SkinningWeights> weights_;  // made when they are first asked for
   Commands commands_;
 };
 

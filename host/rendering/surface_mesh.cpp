@@ -5,27 +5,16 @@
 #include <glm/gtc/matrix_transform.hpp>
 
 #include "host/body/canonical.h"
-#include "host/body/mesh_distance.h"
 #include "host/capture/software_renderer.h"
-#include "kernels/skinning/lbs.h"
-#include "kernels/tracing/normalise_inputs.h"
+#include "host/rendering/skinning_weights.h"
 
 namespace arah {
 namespace {
 
 constexpr int smoothing_rounds = 1;  // against the steps that surface nets leave
 constexpr float least_influence = 1e-4f;    // of a joint on a vertex: what is left out moves it by less than 0.1 mm for each metre
-constexpr uint32_t vertices_at_a_time = 8192;
 
 }  // namespace
-
-SurfaceMesh::Scratch::Scratch(Device& device, AvatarNetworks& networks) {
-  if (networks.spec().skinning.kind != Skinning::network) return;
-  tape.emplace(device, "surface mesh: skinning", networks.skinning_shape(), vertices_at_a_time, false);
-  points = Buffer(device, "surface mesh: vertices", vertices_at_a_time * 16ull, BufferPlace::device);
-  posed = Buffer(device, "surface mesh: posed vertices", vertices_at_a_time * 16ull, BufferPlace::device);
-  weights = Buffer(device, "surface mesh: weights", uint64_t(vertices_at_a_time) * padded_channels(networks.tree().joints()) * 4, BufferPlace::device);
-}
 
 TriangleMesh smooth_net(const FieldSamples<float>& distances) {
   TriangleMesh mesh = without_small_parts(surface_nets(distances), least_part);
@@ -42,37 +31,17 @@ SurfaceMesh::SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& net
 }
 
 void SurfaceMesh::take_network_weights(Device& device, Commands& commands, AvatarNetworks& networks, const BufferSlice& frame) {
-  Scratch scratch(device, networks);
-  DenseTape& tape = *scratch.tape;
-  Buffer &points = scratch.points, &posed = scratch.posed, &weights = scratch.weights;
-  const uint32_t joints = networks.tree().joints(), stride = padded_channels(joints);
-  for (size_t first = 0; first < mesh_.vertices.size(); first += vertices_at_a_time) {
-    const auto count = static_cast<uint32_t>(std::min<size_t>(vertices_at_a_time, mesh_.vertices.size() - first));
-    std::vector<std::array<float, 4>> some(padded_points(count), {0, 0, 0, 0});
-    for (uint32_t i = 0; i < count; ++i) {
-      const glm::dvec3& p = mesh_.vertices[first + i];
-      some[i] = {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z), 1};
-    }
-    device.upload(points.slice(), some);
-    const Rows rows{{count, {}}, {}};
-    record_normalise_inputs(commands, {rows, frame, points.slice(), tape.input()});
-    networks.skinning().record_forward(commands, tape, rows.range);
-    LbsArgs lbs;
-    lbs.tree = &networks.tree();
-    lbs.rows = rows;
-    lbs.logits = tape.output();
-    lbs.frame = frame;
-    lbs.canonical = points.slice();
-    lbs.posed = posed.slice();
-    lbs.weights = {weights.slice(), stride, 0};
-    record_lbs(commands, lbs);
-    commands.submit_and_wait();
-    const std::vector<float> of_vertices = device.download<float>(weights.slice().elements(0, uint64_t(count) * stride));
-    for (uint32_t i = 0; i < count; ++i) {
+  SkinningWeights weights(device, networks, avatar_);
+  const uint32_t joints = networks.tree().joints();
+  for (size_t first = 0; first < mesh_.vertices.size(); first += SkinningWeights::points_at_a_time) {
+    const size_t count = std::min<size_t>(SkinningWeights::points_at_a_time, mesh_.vertices.size() - first);
+    const std::vector<glm::vec3> some(mesh_.vertices.begin() + static_cast<ptrdiff_t>(first), mesh_.vertices.begin() + static_cast<ptrdiff_t>(first + count));
+    const std::vector<float> of_vertices = weights.at(commands, frame, some);
+    for (size_t i = 0; i < count; ++i) {
       float kept = 0;
       const size_t begin = influences_.size();
       for (uint32_t j = 0; j < joints; ++j) {
-        const float weight = of_vertices[size_t(i) * stride + j];
+        const float weight = of_vertices[i * joints + j];
         if (weight < least_influence) continue;
         influences_.push_back({j, weight});
         kept += weight;
@@ -84,14 +53,9 @@ void SurfaceMesh::take_network_weights(Device& device, Commands& commands, Avata
 }
 
 void SurfaceMesh::take_template_weights() {
-  const std::vector<glm::dvec3> vertices = canonical_vertices(avatar_.body, avatar_.canonical);
-  const MeshDistance body(vertices, avatar_.body.triangles);
+  const CanonicalTemplate body(avatar_);
   for (const glm::dvec3& p : mesh_.vertices) {
-    const ClosestPoint closest = body.closest(p);
-    const glm::uvec3& corners = avatar_.body.triangles[closest.triangle];
-    uint32_t nearest = corners.x;
-    for (int k = 1; k < 3; ++k)
-      if (glm::distance(vertices[corners[k]], p) < glm::distance(vertices[nearest], p)) nearest = corners[k];
+    const uint32_t nearest = body.nearest_vertex(p);
     for (int k = 0; k < 4; ++k)
       if (avatar_.body.weights[nearest][k] > 0) influences_.push_back({avatar_.body.joints[nearest][k], avatar_.body.weights[nearest][k]});
     first_.push_back(static_cast<uint32_t>(influences_.size()));

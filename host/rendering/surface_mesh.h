@@ -21,13 +21,6 @@ TriangleMesh smooth_net(const FieldSamples<float>& distances);
 
 class SurfaceMesh {
  public:
-  // What taking the network's weights needs for a while.
-  struct Scratch {
-    Scratch(Device& device, AvatarNetworks& networks);
-    std::optional<DenseTape> tape;  // with a skinning network
-    Buffer points, posed, weights;
-  };
-
   // A mesh in canonical space with the weights of the skinning network as it is packed now (or those of the template's
   // nearest vertices, where the avatar follows these). frame: any pose's constants. Submits.
   SurfaceMesh(Device& device, Commands& commands, AvatarNetworks& networks, const Avatar& avatar, TriangleMesh mesh, const BufferSlice& frame);

@@ -148,6 +148,27 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
   EXPECT_EQ(depth.at<uint16_t>(0, 0), 0);
   EXPECT_GT(color.at<cv::Vec4b>(26, 35)[3], 200);       // the chest, a little above the middle
   EXPECT_NEAR(depth.at<uint16_t>(26, 35), 4500, 2500);  // millimetres, a person's whole height in 30°
+  const Outcome layers = arah({"render", at("whole"), "-o", at("layers"), "--size", "70", "--layers", "color,canonical,weights,weights:left_knee,slice,slice:left_knee,samples,steps,failures"});
+  ASSERT_EQ(layers.code, 0) << layers.errors;
+  for (const char* name : {"canonical", "weights", "weights_left_knee", "slice", "slice_left_knee", "samples", "steps", "failures"}) {
+    const cv::Mat layer = cv::imread(at(std::string("layers/") + name + ".png"), cv::IMREAD_UNCHANGED);
+    ASSERT_EQ(layer.type(), CV_8UC4) << name;
+    ASSERT_EQ(layer.size(), cv::Size(70, 70)) << name;
+    EXPECT_EQ(layer.at<cv::Vec4b>(26, 35)[3], 255) << name;
+    EXPECT_EQ(layer.at<cv::Vec4b>(0, 0)[3], std::string(name).starts_with("slice") ? 255 : 0) << name;
+    EXPECT_THAT(layers.output, HasSubstr(std::string(name) + ".png  ")) << "what its colours mean";
+  }
+  // The chest does not follow the knee, and is inside.
+  EXPECT_EQ(cv::imread(at("layers/weights_left_knee.png")).at<cv::Vec3b>(26, 35), cv::Vec3b(228, 224, 222));
+  const cv::Vec3b inside = cv::imread(at("layers/slice.png")).at<cv::Vec3b>(26, 35), outside = cv::imread(at("layers/slice.png")).at<cv::Vec3b>(0, 0);
+  EXPECT_GT(inside[0], inside[2]);
+  EXPECT_GT(outside[2], outside[0]);
+  EXPECT_EQ(read_all(at("layers/color.png")), read_all(at("view.png"))) << "looking at more changes nothing";
+  for (const char* wrong : {"colour", "weights:nose", "steps:left_knee", "slice:"}) {
+    const Outcome refused = arah({"render", at("whole"), "-o", at("none"), "--layers", wrong});
+    EXPECT_EQ(refused.code, 2) << wrong;
+    EXPECT_THAT(refused.errors, HasSubstr("layer"));
+  }
   const Outcome posed =
       arah({"render", at("whole"), "-o", at("posed"), "--capture", capture(), "--camera", "cam_05", "--frame", "3"});
   ASSERT_EQ(posed.code, 0) << posed.errors;

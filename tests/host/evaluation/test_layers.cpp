@@ -49,6 +49,10 @@ class Layers : public testing::Test {
 TEST_F(Layers, HaveNamesAndAreTransparentWhereNothingIs) {
   for (const PictureLayer layer : all_layers()) {
     EXPECT_EQ(layer_named(to_string(layer)), layer);
+    if (needs_renderer(layer)) {
+      EXPECT_THROW(image(layer), std::invalid_argument) << to_string(layer);
+      continue;
+    }
     const LayerImage made = image(layer);
     ASSERT_EQ(made.rgba.size(), 4 * picture.alpha.size()) << to_string(layer);
     EXPECT_EQ(pixel(made, 0)[3], 0) << to_string(layer);
@@ -63,7 +67,7 @@ TEST_F(Layers, HaveNamesAndAreTransparentWhereNothingIs) {
   picture.inspection.reset();
   picture.normal.clear();
   for (const PictureLayer layer : all_layers()) {
-    if (needs_inspection(layer) || needs_normals(layer)) {
+    if (needs_inspection(layer) || needs_normals(layer) || needs_renderer(layer)) {
       EXPECT_THROW(image(layer), std::invalid_argument) << to_string(layer);
     } else {
       EXPECT_NO_THROW(image(layer)) << to_string(layer);
@@ -138,6 +142,79 @@ TEST_F(Layers, NormalsAndDepthsHaveTheirs) {
   EXPECT_EQ(depths.legend.low, 1);
   EXPECT_EQ(depths.legend.high, 3);
   EXPECT_EQ(depths.legend.colors.front(), (Rgb{255, 255, 255}));
+}
+
+TEST_F(Layers, OfDistancesHaveLinesEveryCentimetre) {
+  const DistanceSlice slice{13, 1, {0.0f, 0.013f, 0.015f, 0.019f, 0.021f, 0.022f, 0.09f, 0.001f, -0.001f, 0.118f, 0.131f, -0.2f, 0.0f}, {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0}};
+  const LayerImage made = slice_layer(slice);
+  const auto color = [&](std::size_t i) { return Rgb{made.rgba[4 * i], made.rgba[4 * i + 1], made.rgba[4 * i + 2]}; };
+  EXPECT_EQ(made.legend.low, -0.1);
+  EXPECT_EQ(made.legend.high, 0.1);
+  EXPECT_EQ(made.legend.colors[made.legend.colors.size() / 2], (Rgb{255, 255, 255}));
+  EXPECT_GT(color(1)[0], color(1)[2]) << "outside is red";
+  EXPECT_GT(color(1)[2], color(3)[2]) << "and darker on a line";
+  EXPECT_NEAR(color(3)[2], 0.82 * color(4)[2], 8) << "which is the last pixel before the centimetre";
+  EXPECT_NEAR(color(5)[2], color(4)[2], 3) << "none where the distance jumps";
+  EXPECT_EQ(color(7), (Rgb{0, 0, 0})) << "the surface";
+  EXPECT_EQ(color(9), made.legend.colors.back()) << "no lines beyond the scale";
+  EXPECT_EQ(color(11), made.legend.colors.front());
+  EXPECT_EQ(color(12)[0], color(12)[2]) << "grey without a canonical point";
+  for (std::size_t i = 0; i < 13; ++i) EXPECT_EQ(made.rgba[4 * i + 3], 255);
+}
+
+class WeightLayers : public DeviceTest {};
+
+TEST_F(WeightLayers, ShowPartsOfOne) {
+  for (const Skinning kind : {Skinning::network, Skinning::backward, Skinning::template_weights}) {
+    AvatarSpec spec = small_paper_spec();
+    spec.skinning.kind = kind;
+    if (!spec.skinning.learned()) spec.skinning = {kind, 0, 0};
+    const Avatar avatar = capsule_avatar(device, spec);
+    const Pose pose = bent_pose(avatar.body.skeleton);
+    const Camera camera = capsule_camera(45, 53);
+    RenderSettings settings = render_preset(avatar, "paper");
+    settings.inspect = true;
+    Renderer renderer(device, avatar, settings);
+    const Picture picture = renderer.render(camera, pose, 0);
+    std::vector<LayerImage> of_joints;
+    for (int joint = 0; joint < 3; ++joint) of_joints.push_back(weights_layer(renderer, avatar, picture, camera, pose, joint));
+    const LayerImage all = weights_layer(renderer, avatar, picture, camera, pose, -1);
+    EXPECT_THROW(weights_layer(renderer, avatar, picture, camera, pose, 3), std::invalid_argument);
+    EXPECT_EQ(of_joints[1].legend.text, "skinning weight of bone_1");
+    std::array<size_t, 3> most{};
+    size_t seen = 0;
+    for (std::size_t i = 0; i < picture.depth.size(); ++i) {
+      EXPECT_EQ(all.rgba[4 * i + 3] > 0, of_joints[0].rgba[4 * i + 3] > 0);
+      if (picture.depth[i] <= 0) continue;
+      seen += 1;
+      double sum = 0;
+      std::array<double, 3> mixed{};
+      for (std::size_t joint = 0; joint < 3; ++joint) {
+        const std::vector<Rgb>& scale = of_joints[joint].legend.colors;
+        const Rgb color{of_joints[joint].rgba[4 * i], of_joints[joint].rgba[4 * i + 1], of_joints[joint].rgba[4 * i + 2]};
+        const auto found = std::find(scale.begin(), scale.end(), color);
+        ASSERT_NE(found, scale.end());
+        const double weight = double(found - scale.begin()) / double(scale.size() - 1);
+        sum += weight;
+        most[joint] += weight > 0.5;
+        for (std::size_t c = 0; c < 3; ++c) mixed[c] += weight * joint_color(joint)[c];
+      }
+      EXPECT_NEAR(sum, 1, 0.01);
+      for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(all.rgba[4 * i + c], mixed[c], 2);
+    }
+    std::printf("  skinning %-16s %zu pixels, most of bones' weight in %zu, %zu and %zu\n", to_string(kind), seen, most[0], most[1], most[2]);
+    EXPECT_GT(seen, 200u);
+    for (const size_t pixels : most) EXPECT_GT(pixels, 5u);
+  }
+}
+
+TEST(JointColors, AreToldApart) {
+  for (std::size_t a = 0; a < 24; ++a)
+    for (std::size_t b = 0; b < a; ++b) {
+      int apart = 0;
+      for (std::size_t c = 0; c < 3; ++c) apart += std::abs(int{joint_color(a)[c]} - int{joint_color(b)[c]});
+      EXPECT_GT(apart, 20) << a << ", " << b;
+    }
 }
 
 }  // namespace
