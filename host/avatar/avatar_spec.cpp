@@ -109,7 +109,8 @@ void validate_spec(const AvatarSpec& spec, const std::string& where) {
   const bool latent_read = conditioned || spec.color.latent;
   sized(latent_read, "a reader (sdf.conditioning or color.latent)", "latent_size", spec.latent_size, kMostWidth);
   positive("latent_init_std", spec.latent_init_std, true);
-  positive("b_init", spec.b_init, false);
+  // What the density clips b to; beyond it b's gradient is 0 and it would stay there.
+  if (!(spec.b_init >= 1e-6 && spec.b_init <= 1e6)) throw InputError(where, "b_init", "metres, from 1e-6 to 1e6", fmt::format("{}", spec.b_init));
   if (spec.grid_cells.size() > kMostGridLevels) {
     throw InputError(where, "grid_cells", fmt::format("at most {} levels", kMostGridLevels),
                      fmt::format("{}", spec.grid_cells.size()));

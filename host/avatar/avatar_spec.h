@@ -82,7 +82,7 @@ struct AvatarSpec {
   ColorSpec color;
   uint32_t latent_size = 0;      // numbers a frame, 1..1024; 0 where nothing reads a code
   double latent_init_std = 0.1;  // of the codes' normal initial values, >= 0
-  double b_init = 5e-3;          // first value of b, the scale of the density, metres, > 0
+  double b_init = 5e-3;          // first value of b, the scale of the density, metres, 1e-6 to 1e6
   std::vector<double>
       grid_cells;  // metres, one a level of the colour's feature grid, at most 4, each > 0; empty: no grid
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <zlib.h>
 
 #include <algorithm>
 #include <bit>
@@ -31,6 +32,8 @@ constexpr const char* kMetadataName = "__metadata__";
 constexpr const char* kKnownTypes = "F32, F64, I32, I64 or U8";
 constexpr uint64_t kLargestHeader = 100'000'000;  // the limit of the format's own library
 constexpr const char* kDamaged = "The file is damaged or was cut short: write or copy it again.";
+constexpr const char* kChecksumName = "arah.crc32";  // in the metadata
+constexpr const char* kNoChecksum = "00000000";      // stands in its place while it is formed
 
 std::optional<size_t> element_size(const std::string& dtype) {
   if (dtype == "F64" || dtype == "I64") return 8;
@@ -168,6 +171,26 @@ json parse_header(const std::string& file, const std::string& text) {
   return header;
 }
 
+// CRC-32 of the bytes that one call after the other is given.
+class Checksum {
+ public:
+  void add(const void* data, uint64_t size) {
+    if (size > 0) value_ = crc32_z(value_, static_cast<const Bytef*>(data), size);  // of no data, zlib gives its first value again
+  }
+  std::string text() const { return fmt::format("{:08x}", value_); }
+
+ private:
+  uLong value_ = crc32_z(0, nullptr, 0);
+};
+
+// Where the digits of the checksum stand in a header as write_safetensors() writes it: a quotation mark within a name or a value would be
+// escaped, so there is one such place. npos: none.
+size_t checksum_place(const std::string& header, const std::string& digits) {
+  const std::string before = fmt::format("\"{}\":\"", kChecksumName);
+  const size_t found = digits.size() == std::strlen(kNoChecksum) ? header.find(before + digits + '"') : std::string::npos;
+  return found == std::string::npos ? found : found + before.size();
+}
+
 // The ranges must fill [0, data_size) without gap or overlap.
 void check_ranges(const std::string& file, std::vector<Entry>& entries, uint64_t data_size) {
   std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
@@ -300,10 +323,22 @@ SafetensorsFile read_safetensors(const std::filesystem::path& path) {
     }
   }
   check_ranges(file, entries, data_size);
+  // Files of other programs have none.
+  std::optional<std::string> stated;
+  if (auto node = result.metadata.extract(kChecksumName)) stated = std::move(node.mapped());
+  if (const size_t place = checksum_place(text, stated.value_or("")); place != std::string::npos) text.replace(place, stated->size(), kNoChecksum);
+  Checksum checksum;
+  checksum.add(&header_size, sizeof header_size);
+  checksum.add(text.data(), text.size());
   for (Entry& entry : entries) {
     Tensor tensor{std::move(entry.dtype), std::move(entry.shape), std::vector<std::byte>(entry.end - entry.begin)};
     read(tensor.data.data(), tensor.data.size(), entry.name.c_str());
+    if (stated) checksum.add(tensor.data.data(), tensor.data.size());
     result.tensors.emplace(std::move(entry.name), std::move(tensor));
+  }
+  if (stated && checksum.text() != *stated) {
+    throw InputError(file, fmt::format("{}: \"{}\"", kMetadataName, kChecksumName), fmt::format("{}, of what the file holds", checksum.text()), *stated,
+                     "The file is damaged, or another program changed it: copy it again, or leave that entry out where a change was wanted.");
   }
   return result;
 }
@@ -328,7 +363,8 @@ void write_safetensors(const std::filesystem::path& path, const SafetensorsFile&
   std::stable_sort(items.begin(), items.end(), [](const Item& a, const Item& b) { return a.element > b.element; });
 
   json header = json::object();
-  if (!file.metadata.empty()) header[kMetadataName] = file.metadata;
+  header[kMetadataName] = file.metadata;
+  header[kMetadataName][kChecksumName] = kNoChecksum;
   uint64_t offset = 0;
   for (const Item& item : items) {
     const uint64_t end = offset + item.tensor->data.size();
@@ -363,6 +399,9 @@ void write_safetensors(const std::filesystem::path& path, const SafetensorsFile&
   put(&header_size, sizeof header_size);
   put(text.data(), text.size());
   for (const Item& item : items) put(item.tensor->data.data(), item.tensor->data.size());
+  Checksum checksum;
+  checksum.add(bytes.data(), bytes.size());
+  std::memcpy(bytes.data() + sizeof header_size + checksum_place(text, kNoChecksum), checksum.text().data(), std::strlen(kNoChecksum));
   write_file_safely(path, std::span<const uint8_t>(bytes));
 }
 

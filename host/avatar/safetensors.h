@@ -3,6 +3,9 @@
 // Layout: an 8-byte little-endian header length, a JSON header {name: {dtype, shape, data_offsets: [begin, end)}} with
 // an optional "__metadata__" entry of string values, then the raw little-endian row-major data. Offsets count from the
 // end of the header. The ranges of the tensors, sorted, must fill the data exactly: no gap, no overlap, nothing after.
+//
+// Files of ours have a metadata entry "arah.crc32": the CRC-32 (zlib's, eight digits to base 16) of the whole file with these digits as
+// zeros, so that one flipped bit does not open as other numbers. Readers elsewhere pass over it; whoever changes a file leaves it out.
 #pragma once
 
 #include <cstddef>
@@ -54,11 +57,11 @@ struct SafetensorsFile {
   std::vector<T> values(const std::string& name, const std::vector<int64_t>& shape) const;
 };
 
-// Reads a whole file. No length, offset or shape in it is trusted: whatever does not add up throws InputError naming
-// the file and the field. Memory use is bounded by the size of the file.
+// Reads a whole file. No length, offset or shape in it is trusted: whatever does not add up, the checksum where there is one with it,
+// throws InputError naming the file and the field. Memory use is bounded by the size of the file. The checksum is not among the metadata.
 SafetensorsFile read_safetensors(const std::filesystem::path& path);
 
-// Writes the whole file or nothing (host/file_writing.h): a reader sees the old file or the new one, never half of one.
+// Writes the whole file, with its checksum, or nothing (host/file_writing.h): a reader sees the old file or the new one, never half of one.
 // Larger element types come first and the header is padded, so that every tensor is naturally aligned in the file.
 // Throws InputError when the folder does not exist, std::runtime_error when the disk refuses (an existing file stays as
 // it was), and std::invalid_argument when a tensor's data and shape disagree, a dtype is unknown, or a name is reserved

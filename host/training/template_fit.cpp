@@ -1,5 +1,7 @@
 #include "host/training/template_fit.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -33,11 +35,12 @@ class GroupOptimizer {
     zero.submit_and_wait();
   }
   BufferSlice gradients() { return networks_.gradients().elements(begin_, count_); }
+  BufferSlice parameters() { return networks_.parameters().elements(begin_, count_); }
   void record(Commands& commands, uint32_t step, double rate) {
     AdamArgs adam;
     adam.step = step;
     adam.rate = rate;
-    adam.parameters = networks_.parameters().elements(begin_, count_);
+    adam.parameters = parameters();
     adam.gradients = gradients();
     adam.first_moments = first_.slice().elements(0, count_);
     adam.second_moments = second_.slice().elements(0, count_);
@@ -60,6 +63,14 @@ bool follows_pose(const Avatar& avatar) {
 
 double rate_at(double rate, uint32_t step, uint32_t steps) {
   return rate * (end_fraction + (1 - end_fraction) * 0.5 * (1 + std::cos(std::numbers::pi * step / steps)));
+}
+
+// What was fitted, before it goes anywhere: the parameters, and the error that is left, which distances beyond float32 make infinite.
+void check_fit(const char* what, const char* rate_name, double rate, const std::vector<float>& parameters, double error) {
+  const auto bad = static_cast<uint64_t>(std::ranges::count_if(parameters, [](float p) { return !std::isfinite(p); }));
+  if (bad == 0 && std::isfinite(error)) return;
+  throw std::runtime_error(fmt::format("stage 'template fit': {} of the {} parameters of the {} are NaN or infinite, its error is {}. {} is {}: choose a lower one, some {}.", bad, parameters.size(), what, error, rate_name, rate,
+                                       rate_name == std::string("fit_rate") ? "1e-3" : "5e-3"));
 }
 
 }  // namespace
@@ -136,6 +147,7 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
   for (uint32_t i = 0; i < points; ++i)
     if (std::abs(target[i] * unit + settings.clothing) < 0.01) sum += std::abs(f[size_t(i) * channel_padding] - target[i]) * unit, count += 1;
   fit.sdf_error = sum / std::max(count, 1.0);
+  check_fit("SDF", "fit_rate", settings.fit_rate, device.download<float>(sdf.parameters()), fit.sdf_error);
 
   if (skins) {
     SkinningGradient gradient(device, networks, point_padding, points);
@@ -178,6 +190,7 @@ TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings&
       }
       report(settings.fit_steps + step);
     }
+    check_fit("skinning network", "fit_skinning_rate", settings.fit_skinning_rate, device.download<float>(skinning.parameters()), fit.skinning_error);
   }
   avatar.parameters = device.download<float>(networks.parameters().elements(0, networks.layout().floats));
   return fit;

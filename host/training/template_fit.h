@@ -21,6 +21,7 @@ struct TemplateFit {
 // poses: those that a backward skinning network (Skinning::backward) begins with, each with a little noise; none: poses about
 // the resting one. Where the SDF's pose networks are not zero, as a prior's are, the SDF of these poses is fitted, one pose a
 // step, through the parameters that all poses share; else that shared SDF.
+// Throws std::runtime_error where a fit ends with numbers that are not finite, naming its rate.
 TemplateFit fit_template(Device& device, Avatar& avatar, const TrainingSettings& settings, const std::function<bool(double)>& progress = {}, const std::vector<Pose>& poses = {});
 
 }  // namespace arah

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <set>
+#include <type_traits>
 
 #include "host/body/json_fields.h"
 #include "host/input_error.h"
@@ -14,6 +15,8 @@ namespace arah {
 namespace {
 
 using nlohmann::json;
+
+constexpr double largest_rate = 1e3;
 
 // One list of fields serves both directions: visit(name, value) for each.
 template <typename Group, typename Visit>
@@ -296,6 +299,22 @@ SamplingSettings TrainingSettings::color_sampling() const {
 }
 
 void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where) {
+  // Adam moves a number by about its rate in a step. Beyond these bounds one step, or decay alone, can take a number out of float32's
+  // range where nothing computed from it shows that: b is clipped, and codes of frames without a picture are not read.
+  const auto rate = [&](const std::string& field, double value) {
+    if (!(value >= 0 && value <= largest_rate)) throw InputError(where, field, fmt::format("a rate from 0 to {}", largest_rate), fmt::format("{}", value));
+  };
+  visit_settings(settings, [&](const char* name, const auto& value) {
+    if constexpr (std::is_same_v<std::remove_cvref_t<decltype(value)>, GroupSettings>) {
+      const std::string group = name;
+      rate(group + ".rate", value.rate);
+      if (!(value.weight_decay >= 0 && value.rate * value.weight_decay <= 1)) throw InputError(where, group + ".weight_decay", "from 0 to 1 / rate: a step takes off the share rate * weight_decay", fmt::format("{}", value.weight_decay));
+      if (!(value.max_norm >= 0 && std::isfinite(value.max_norm))) throw InputError(where, group + ".max_norm", "a number of at least 0", fmt::format("{}", value.max_norm));
+    }
+  });
+  rate("mask_alpha_rate", settings.mask_alpha_rate);
+  rate("fit_rate", settings.fit_rate);
+  rate("fit_skinning_rate", settings.fit_skinning_rate);
   const bool backward = spec.skinning.kind == Skinning::backward, density = spec.sdf.kind == FieldKind::density, surface = settings.rendering == Rendering::surface;
   if ((backward || density) && surface)
     throw InputError(where, "rendering", backward ? "volume with skinning.kind backward, which knows no way from the surface to posed space" : "volume with sdf.kind density, which has no surface", "surface");

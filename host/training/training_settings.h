@@ -126,7 +126,7 @@ TrainingSettings settings_from_json(const std::string& text, const std::string& 
 
 // Of a step, of all its pictures.
 inline uint32_t all_rays(const TrainingSettings& settings) { return settings.rays * settings.frames_per_step * settings.pictures_per_frame; }
-// Throws InputError naming `where` and the setting that does not go with such an avatar.
+// Throws InputError naming `where` and the setting that does not go with such an avatar, or a rate, weight decay or norm out of range.
 void check_settings(const TrainingSettings& settings, const AvatarSpec& spec, const std::string& where);
 
 // Of the dense samples around the surface at a step, metres.

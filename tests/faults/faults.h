@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <thread>
@@ -16,15 +17,10 @@
 #include "host/avatar/avatar_file.h"
 #include "host/training/run_folder.h"
 #include "tests/host/body/rigs.h"
+#include "tests/long_form.h"
 #include "tests/stories/program.h"
 
 namespace arah {
-
-// ./run test --long
-inline bool long_form() {
-  const char* wanted = std::getenv("ARAH_LONG");
-  return wanted && std::string(wanted) == "1";
-}
 
 class Faults : public testing::Test {
  protected:

@@ -59,6 +59,10 @@ TEST_F(Faults, KilledAtAnyMomentARunGoesOnToTheSameBits) {
         EXPECT_LE(load_avatar(at(run + "/avatar.safetensors")).steps, step);
       }
       survived += damaged.empty() && now == newest_step(run);
+      if (killed % 20 == 0) {
+        std::printf("  killed %d times so far, survived %d, %d runs brought to their end with the same bits\n", killed, survived, finished);
+        std::fflush(stdout);
+      }
     }
     fs::remove_all(at(run));
   }

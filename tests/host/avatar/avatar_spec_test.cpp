@@ -82,7 +82,7 @@ TEST(AvatarSpec, OddSpecsSurviveJsonExactly) {
   spec.color = {53, 4, 2, 19, true, false, false, false, DirectionSpace::canonical};
   spec.latent_size = 7;
   spec.latent_init_std = 1.0 / 3.0;
-  spec.b_init = 1e-300;
+  spec.b_init = 1e-6;
   spec.grid_cells = {0.1, 1.0 / 7.0};
   EXPECT_EQ(spec_from_json(spec_to_json(spec), "odd"), spec);
 }
@@ -154,7 +154,9 @@ TEST(AvatarSpec, RefusalsNameTheField) {
       {R"({"color": {"narrow": 2}})", {"color.narrow", "0 without a skip"}},
       {R"({"color": {"latent": false}})", {"latent_size", "0 without a reader"}},
       {R"({"latent_size": 0})", {"latent_size", "found 0"}},
-      {R"({"b_init": 0})", {"b_init", "above 0"}},
+      {R"({"b_init": 0})", {"b_init", "from 1e-6 to 1e6"}},
+      {R"({"b_init": 9e-7})", {"b_init", "from 1e-6 to 1e6"}},
+      {R"({"b_init": 2e6})", {"b_init", "from 1e-6 to 1e6"}},
       {R"({"latent_init_std": -0.1})", {"latent_init_std", "at least 0"}},
       {R"({"grid_cells": [0.04, 0]})", {"grid_cells", "above 0"}},
       {R"({"grid_cells": [1, 1, 1, 1, 1]})", {"grid_cells", "at most 4"}},

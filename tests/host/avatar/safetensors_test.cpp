@@ -182,10 +182,73 @@ TEST_F(Safetensors, NamesWhatIsWrong) {
   EXPECT_THAT(refusal(), HasSubstr(path_.string()));
 }
 
-// Whatever a flipped byte does, the answer is a file or an InputError, and nothing else.
+// One bit, wherever it is: the file is refused, or what it says is what was written. That is so in the name of the checksum alone.
+TEST_F(Safetensors, NoFlippedBitOpensAsOtherNumbers) {
+  write_safetensors(path_, sample());
+  const SafetensorsFile written = read_safetensors(path_);
+  const std::string all = bytes();
+  const size_t name = all.find("arah.crc32");
+  ASSERT_NE(name, std::string::npos);
+  uint64_t header = 0;
+  std::memcpy(&header, all.data(), 8);
+  size_t refused = 0, by_checksum = 0, of_data = 0;
+  for (size_t bit = 0; bit < 8 * all.size(); ++bit) {
+    std::string changed = all;
+    changed[bit / 8] = static_cast<char>(changed[bit / 8] ^ (1 << bit % 8));
+    put(changed);
+    const std::string says = refusal();
+    if (!says.empty()) {
+      refused += 1;
+      by_checksum += says.find("arah.crc32") != std::string::npos;
+      of_data += bit / 8 >= 8 + header;
+      continue;
+    }
+    ASSERT_TRUE(bit / 8 >= name && bit / 8 < name + 10) << "bit " << bit % 8 << " of byte " << bit / 8;
+    const SafetensorsFile read = read_safetensors(path_);
+    ASSERT_EQ(read.tensors.size(), written.tensors.size());
+    for (const auto& [of, tensor] : written.tensors) ASSERT_EQ(read.at(of).data, tensor.data) << of;
+    ASSERT_EQ(read.metadata.at("spec"), written.metadata.at("spec"));
+  }
+  std::printf("  %zu bits flipped, %zu refused, %zu of them by the checksum\n", 8 * all.size(), refused, by_checksum);
+  EXPECT_EQ(of_data, 8 * (all.size() - 8 - header));
+  EXPECT_GE(by_checksum, of_data);
+}
+
+TEST_F(Safetensors, TheChecksumIsOfOursAlone) {
+  write_safetensors(path_, sample());
+  const std::string ours = bytes();
+  const size_t last = ours.size() - 1;
+  // Another program's, with none: whatever it holds is what it says.
+  std::string others = ours;
+  others.replace(others.find("arah.crc32"), 10, "other.name");
+  others[last] = 7;
+  put(others);
+  EXPECT_EQ(refusal(), "");
+  // One that changed a number and kept ours.
+  std::string changed = ours;
+  changed[last] = 7;
+  put(changed);
+  EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("\"arah.crc32\": expected "), HasSubstr("found "), HasSubstr("another program changed it")));
+  // One that spells the header in another way and kept ours.
+  uint64_t header = 0;
+  std::memcpy(&header, ours.data(), 8);
+  put(length(header + 1) + " " + ours.substr(8));
+  EXPECT_THAT(refusal(), HasSubstr("arah.crc32"));
+  // What is read and written again has one of its own.
+  put(ours);
+  SafetensorsFile file = read_safetensors(path_);
+  EXPECT_FALSE(file.metadata.contains("arah.crc32"));
+  file.tensors["ids"] = Tensor::from<int32_t>({3}, {4, 5, 6});
+  file.metadata["arah.crc32"] = "of another";
+  write_safetensors(path_, file);
+  EXPECT_EQ(read_safetensors(path_).values<int32_t>("ids", {3}), (std::vector<int32_t>{4, 5, 6}));
+}
+
+// Whatever a flipped byte does, the answer is a file or an InputError, and nothing else, where no checksum refuses it first.
 TEST_F(Safetensors, SurvivesFlippedBytes) {
   write_safetensors(path_, sample());
-  const std::string all = bytes();
+  std::string all = bytes();
+  all.replace(all.find("arah.crc32"), 10, "other.name");
   std::mt19937 random(1);
   int refused = 0;
   for (int round = 0; round < 2000; ++round) {
