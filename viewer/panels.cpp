@@ -203,12 +203,26 @@ void Panels::layers(ViewState& state, const PanelFacts& facts) {
     ImGui::EndCombo();
   }
   note("layer");
+  if (state.layer == to_string(PictureLayer::slice)) {
+    auto slice = static_cast<float>(state.slice);
+    if (ImGui::SliderFloat("metres nearer", &slice, -2, 2, "%.2f")) state.slice = std::clamp(double{slice}, -2.0, 2.0);
+  }
+  if (state.layer == to_string(PictureLayer::weights)) joint_choice(state);
   if (!facts.legend.empty()) ImGui::TextWrapped("%s", facts.legend.c_str());
   ImGui::Checkbox("skeleton", &state.skeleton);
   note("skeleton");
   ImGui::SameLine();
   ImGui::Checkbox("template", &state.mesh);
   if (facts.psnr) ImGui::Text("%.2f dB against the photograph", *facts.psnr);
+}
+
+void Panels::joint_choice(ViewState& state) {
+  if (ImGui::BeginCombo("joint", state.joint.c_str())) {
+    for (const std::string& name : scene_.motion().skeleton.names)
+      if (ImGui::Selectable(name.c_str(), name == state.joint)) state.joint = name;
+    ImGui::EndCombo();
+  }
+  note("joint");
 }
 
 void Panels::play(ViewState& state) {
@@ -240,12 +254,7 @@ void Panels::pose(ViewState& state) {
   if (ImGui::Button("undo")) edits_.undo();
   ImGui::SameLine();
   if (ImGui::Button("redo")) edits_.redo();
-  if (ImGui::BeginCombo("joint", state.joint.c_str())) {
-    for (const std::string& name : skeleton.names)
-      if (ImGui::Selectable(name.c_str(), name == state.joint)) state.joint = name;
-    ImGui::EndCombo();
-  }
-  note("joint");
+  joint_choice(state);
   const auto joint = static_cast<size_t>(std::find(skeleton.names.begin(), skeleton.names.end(), state.joint) - skeleton.names.begin());
   PoseEdits edits = edits_.shown();
   if (edits.turns.empty()) edits.turns.assign(skeleton.size(), glm::dvec3(0));

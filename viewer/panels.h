@@ -44,6 +44,7 @@ class Panels {
   void note(const std::string& name);
   void look(ViewState& state, std::vector<Wish>& wishes);
   void layers(ViewState& state, const PanelFacts& facts);
+  void joint_choice(ViewState& state);
   void play(ViewState& state);
   void pose(ViewState& state);
   void quality(ViewState& state, const PanelFacts& facts);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "host/body/pose.h"
 #include "host/body/shape_space.h"
 #include "host/rendering/render_settings.h"
 
@@ -197,8 +198,8 @@ void PictureWorker::run() {
 RenderSettings PictureWorker::settings_for(const PictureOrder& order, const Quality& quality) const {
   const bool changed = quality.preset == order.finest && quality.pixel_step == 1;
   RenderSettings settings = preset_with_knobs(*shown_, quality.preset, changed ? order.knobs : std::map<std::string, std::string>{});
-  settings.normals = order.normals;
-  settings.inspect = order.inspection;
+  settings.normals = needs_normals(order.layer);
+  settings.inspect = needs_inspection(order.layer);
   if (device_.report().type == DeviceType::cpu) settings.most_rays = kRaysOnCpu;
   return settings;
 }
@@ -215,19 +216,35 @@ PictureWorker::Drawer& PictureWorker::drawer_for(const RenderSettings& settings)
   return drawers_.front();
 }
 
-Picture PictureWorker::draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress) {
+std::shared_ptr<const LayerImage> PictureWorker::layer_of(Renderer& renderer, const PictureOrder& order, const Camera& camera, const Picture& picture) const {
+  if (order.layer == PictureLayer::weights) return std::make_shared<const LayerImage>(weights_layer(renderer, *shown_, picture, camera, order.pose, order.joint));
+  if (order.layer != PictureLayer::slice) return nullptr;
+  glm::dvec3 through(0.0);
+  const std::vector<glm::vec3> body = posed_vertices(shown_->body, order.pose);
+  for (const glm::vec3& vertex : body) through += glm::dvec3(vertex) / double(body.size());
+  through -= order.slice * glm::dvec3(camera.R[0][2], camera.R[1][2], camera.R[2][2]);  // the camera looks along its third row
+  // Each pixel of it is a search of its own: every second one tells as much.
+  const int width = std::max(1, picture.width / 2), height = std::max(1, picture.height / 2);
+  return std::make_shared<const LayerImage>(slice_layer(renderer.slice(plane_facing(camera, through), width, height, order.pose, order.latent_row)));
+}
+
+void PictureWorker::draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress, DrawnPicture& drawn) {
   Drawer& drawer = drawer_for(settings_for(order, quality));
   device_.profiler().reset();
   const int columns = std::max(1, (order.camera.width + quality.pixel_step - 1) / quality.pixel_step);
+  const Camera camera = quality.pixel_step == 1 ? order.camera : order.camera.scaled(columns);
   const double pixels = double(order.camera.width) * order.camera.height;
   const bool new_pose = drawer.pose != order.pose;
   drawer.pose = last_pose_ = order.pose;
   drawer.renderer->reset_work();
   const auto start = Clock::now();
-  Picture picture = drawer.renderer->render(quality.pixel_step == 1 ? order.camera : order.camera.scaled(columns), order.pose, order.latent_row, progress);
+  const auto picture = std::make_shared<const Picture>(drawer.renderer->render(camera, order.pose, order.latent_row, progress));
+  if (needs_renderer(order.layer)) drawn.layer = layer_of(*drawer.renderer, order, camera, *picture);
   // What is baked once for a code is not the price of a picture.
   moving_->took(quality, pixels, new_pose, std::max(0.0, since(start) - drawer.renderer->work().baking_seconds));
-  return picture;
+  drawn.picture = picture;
+  drawn.seconds = since(start);
+  for (const auto& [stage, statistics] : device_.profiler().stages()) drawn.stages[stage] = statistics.milliseconds;
 }
 
 void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
@@ -242,16 +259,13 @@ void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
   }
   if (!moving_) moving_ = std::make_unique<MovingQuality>(*avatar_, frame_seconds_, order.finest);
   say("drawing");
-  const auto start = Clock::now();
   const Quality quality = moving_->choose(double(order.camera.width) * order.camera.height, last_pose_ != order.pose);
   DrawnPicture drawn;
   drawn.order = number;
   drawn.avatar = avatar_;
   drawn.quality = quality;
   // Not asked whether something newer came: it is short, and the picture must follow the hand.
-  drawn.picture = std::make_shared<const Picture>(draw(order, quality, {}));
-  drawn.seconds = since(start);
-  for (const auto& [stage, statistics] : device_.profiler().stages()) drawn.stages[stage] = statistics.milliseconds;
+  draw(order, quality, {}, drawn);
   publish(drawn);
   {
     std::unique_lock lock(mutex_);
@@ -261,7 +275,8 @@ void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
 }
 
 void PictureWorker::refine(const PictureOrder& order, uint64_t number) {
-  const std::vector<Quality> steps = refinement(*avatar_, order.finest);
+  // A slice is the same in all qualities.
+  const std::vector<Quality> steps = order.layer == PictureLayer::slice ? std::vector{refinement(*avatar_, order.finest).front()} : refinement(*avatar_, order.finest);
   std::shared_ptr<const Picture> last;
   for (size_t i = 0; i < steps.size(); ++i) {
     say("refining to " + to_string(steps[i]));
@@ -273,7 +288,7 @@ void PictureWorker::refine(const PictureOrder& order, uint64_t number) {
     drawn.quality = steps[i];
     const auto progress = [&](const PictureSoFar& so_far) {
       if (superseded(number)) return false;
-      if (!last || so_far.rows == 0 || Clock::now() - told < kBetweenParts) return true;
+      if (!last || needs_renderer(order.layer) || so_far.rows == 0 || Clock::now() - told < kBetweenParts) return true;
       told = Clock::now();
       Picture mixed = *last;
       take_rows(mixed, so_far.picture, so_far.rows);
@@ -284,17 +299,15 @@ void PictureWorker::refine(const PictureOrder& order, uint64_t number) {
       publish(std::move(part));
       return true;
     };
-    last = std::make_shared<const Picture>(draw(order, steps[i], progress));
-    drawn.picture = last;
-    drawn.seconds = since(start);
+    draw(order, steps[i], progress, drawn);
+    last = drawn.picture;
     drawn.finest = i + 1 == steps.size();
-    for (const auto& [stage, statistics] : device_.profiler().stages()) drawn.stages[stage] = statistics.milliseconds;
     if (drawn.finest && order.compare_with_exact) {
       publish(drawn);
       say("drawing the exact picture");
-      const auto exact_start = Clock::now();
-      const Picture exact = draw(order, {"paper", 1}, [&](const PictureSoFar&) { return !superseded(number); });
-      drawn.exact = ExactComparison{psnr_of(exact.color, last->color), since(exact_start)};
+      DrawnPicture exact;
+      draw(order, {"paper", 1}, [&](const PictureSoFar&) { return !superseded(number); }, exact);
+      drawn.exact = ExactComparison{psnr_of(exact.picture->color, last->color), exact.seconds};
     }
     publish(std::move(drawn));
   }

@@ -15,6 +15,7 @@
 #include <thread>
 #include <vector>
 
+#include "host/evaluation/layers.h"
 #include "host/rendering/renderer.h"
 #include "viewer/quality.h"
 
@@ -26,8 +27,9 @@ struct PictureOrder {
   Pose pose;
   std::size_t latent_row = 0;
   std::vector<double> shape;       // β of the body; empty: the avatar's own
-  bool normals = false;            // what the layer needs of a picture, and
-  bool inspection = false;         // (Picture::inspection)
+  PictureLayer layer = PictureLayer::color;
+  int joint = -1;                  // of the layer weights; -1: all
+  double slice = 0;                // of the layer slice: metres from the person's middle towards the camera
   std::string finest = "balanced"; // preset that the picture is refined to at rest
   std::map<std::string, std::string> knobs;  // of that preset, changed (set_render_knob())
   bool compare_with_exact = false; // at rest, the finest picture is also measured against "paper"
@@ -45,6 +47,7 @@ struct DrawnPicture {
   uint64_t order = 0;    // its number
   std::shared_ptr<const Picture> picture;
   std::shared_ptr<const Avatar> avatar;
+  std::shared_ptr<const LayerImage> layer;  // of the order, where that needs more than the picture (needs_renderer())
   Quality quality;       // of the rows from the top that are done; below is the last quality
   double part = 1;       // of it, 0..1
   bool finest = false;   // nothing finer follows
@@ -99,7 +102,9 @@ class PictureWorker {
   bool superseded(uint64_t number) const;
   RenderSettings settings_for(const PictureOrder& order, const Quality& quality) const;
   Drawer& drawer_for(const RenderSettings& settings);
-  Picture draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress);
+  // The picture, and the layer where it needs the renderer.
+  void draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress, DrawnPicture& drawn);
+  std::shared_ptr<const LayerImage> layer_of(Renderer& renderer, const PictureOrder& order, const Camera& camera, const Picture& picture) const;
   void publish(DrawnPicture drawn);
   void say(const std::string& doing);
 

@@ -21,9 +21,10 @@ fs::path free_name(const fs::path& folder, const std::string& stem, const std::s
   }
 }
 
-std::vector<uint8_t> screenshot(const Picture& picture, const Avatar& avatar, const std::string& layer) {
-  if (layer == "color") return encode_png(straight_alpha(picture.color, picture.alpha, picture.width, picture.height), picture.width, picture.height, 4);
-  return encode_png(layer_image(layer_named(layer), picture, avatar));
+std::vector<uint8_t> screenshot(const DrawnPicture& drawn, PictureLayer layer) {
+  const Picture& picture = *drawn.picture;
+  if (layer == PictureLayer::color) return encode_png(straight_alpha(picture.color, picture.alpha, picture.width, picture.height), picture.width, picture.height, 4);
+  return encode_png(drawn.layer ? *drawn.layer : layer_image(layer, picture, *drawn.avatar));
 }
 
 Job video_job(const fs::path& path, std::vector<AnimationFrame> frames, const RenderSettings& settings, double frames_per_second) {

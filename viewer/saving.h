@@ -15,7 +15,8 @@ namespace arah {
 std::filesystem::path free_name(const std::filesystem::path& folder, const std::string& stem, const std::string& end);
 
 // The picture's layer as arah render writes it, without what lies above it in the window.
-std::vector<uint8_t> screenshot(const Picture& picture, const Avatar& avatar, const std::string& layer);
+// Throws std::invalid_argument where it was drawn for another layer.
+std::vector<uint8_t> screenshot(const DrawnPicture& drawn, PictureLayer layer);
 
 // Renders the frames at their quality and makes a video of them. What was drawn stays beside it in <path>.frames when it is stopped; nothing
 // else does.

@@ -109,9 +109,9 @@ PictureOrder Scene::order(const ViewState& state, int width, int height) const {
   order.finest = state.quality;
   order.knobs = state.knobs;
   order.compare_with_exact = state.compare_with_exact;
-  const PictureLayer layer = layer_named(state.layer);
-  order.normals = needs_normals(layer);
-  order.inspection = needs_inspection(layer);
+  order.layer = layer_named(state.layer);
+  if (order.layer == PictureLayer::weights) order.joint = find_joint(motion_.skeleton, state.joint);
+  if (order.layer == PictureLayer::slice) order.slice = state.slice;
   return order;
 }
 

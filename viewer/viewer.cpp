@@ -237,7 +237,7 @@ class Viewer {
     if (!drawn_) return;
     say_failure([&] {
       const fs::path path = free_name(options_.out, "screenshot", ".png");
-      write_file_safely(path, screenshot(*drawn_->picture, *drawn_->avatar, state_.layer));
+      write_file_safely(path, screenshot(*drawn_, layer_named(state_.layer)));
       message_ = fmt::format("{} ({})", path.string(), drawn_->part < 1 ? "not whole yet" : to_string(drawn_->quality));
       tell({{"event", "screenshot"}, {"file", path.string()}, {"quality", to_string(drawn_->quality)}, {"part", drawn_->part}});
     });
@@ -456,7 +456,7 @@ class Viewer {
     const Picture& picture = *drawn_->picture;
     const PictureLayer layer = layer_named(state_.layer);
     // One that was drawn for another layer: the right one is on its way.
-    if ((needs_normals(layer) && picture.normal.empty()) || (needs_inspection(layer) && !picture.inspection)) return;
+    if ((needs_normals(layer) && picture.normal.empty()) || (needs_inspection(layer) && !picture.inspection) || needs_renderer(layer) != (drawn_->layer != nullptr)) return;
     const bool photograph_shown = state_.comparison.mode == ComparisonMode::blink && blink_shows_photograph(state_.comparison, time_);
     Composed wanted{state_.layer, state_.camera, scene_.frame_number(state_), state_.comparison, photograph_shown};
     if (composed_ == wanted) return;
@@ -464,7 +464,7 @@ class Viewer {
     legend_.clear();
     psnr_.reset();
     if (layer != PictureLayer::color) {
-      const LayerImage image = layer_image(layer, picture, *drawn_->avatar);
+      const LayerImage image = drawn_->layer ? *drawn_->layer : layer_image(layer, picture, *drawn_->avatar);
       legend_ = describe(image.legend);
       return presentation_.set_picture(over_background(image.width, image.height, image.rgba));
     }

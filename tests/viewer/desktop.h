@@ -47,19 +47,11 @@ class Desktop {
       ::_exit(127);
     }
     ::close(number[1]);
-    char text[16] = {};
-    const ssize_t length = ::read(number[0], text, sizeof text - 1);
+    std::string text;  // the number and a line's end, in two writes
+    for (char letter = 0; !text.ends_with('\n') && ::read(number[0], &letter, 1) == 1;) text.push_back(letter);
     ::close(number[0]);
-    if (length <= 0) throw std::runtime_error("Xvfb did not start: " + read_all(folder_ / "xvfb.txt"));
-    display_ = ":" + std::to_string(std::atoi(text));
-    // It tells its number a moment before it answers.
-    for (int tries = 0; tries < 200; ++tries) {
-      if (std::system(fmt::format("DISPLAY={} xdotool getdisplaygeometry >/dev/null 2>&1", display_).c_str()) == 0) return;
-      std::this_thread::sleep_for(std::chrono::milliseconds(50));
-    }
-    ::kill(server_, SIGTERM);
-    ::waitpid(server_, nullptr, 0);
-    throw std::runtime_error("Xvfb does not answer: " + read_all(folder_ / "xvfb.txt"));
+    if (text.empty()) throw std::runtime_error("Xvfb did not start: " + read_all(folder_ / "xvfb.txt"));
+    display_ = ":" + std::to_string(std::atoi(text.c_str()));
   }
   ~Desktop() {
     ::kill(server_, SIGTERM);
