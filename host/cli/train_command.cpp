@@ -7,6 +7,8 @@
 #include "host/cli/command.h"
 #include "host/cli/interrupt.h"
 #include "host/cli/training_progress.h"
+#include "host/cli/viewer_process.h"
+#include "host/input_error.h"
 #include "host/training/run_choice.h"
 #include "host/training/training_run.h"
 
@@ -22,6 +24,7 @@ struct Options {
   std::optional<uint64_t> steps, seed;
   std::vector<double> disturb;        // degrees, metres
   double disturb_shape = 0;
+  bool view = false;
   std::filesystem::path prior;
   std::vector<std::string> settings;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
@@ -54,6 +57,8 @@ RunConfig resolve(const Options& options, const Capture& capture) {
 }
 
 int train(const Options& options) {
+  const std::filesystem::path viewer = options.view ? viewer_program() : std::filesystem::path();
+  if (options.view && viewer.empty()) throw InputError("--view", "", "arah-view beside arah or on the PATH", "none", "It is built unless CMake was told ARAH_VIEWER=OFF.");
   const Capture capture = open_capture(options.capture);
   const RunConfig config = resolve(options, capture);
   Device device(options.device);
@@ -63,8 +68,14 @@ int train(const Options& options) {
   TrainingProgress progress(device, settings.steps > 0 ? fmt::format("{} steps", settings.steps)
                                                        : fmt::format("{:g} minutes", settings.minutes));
   const Interrupt interrupt;
+  bool viewed = false;
   const RunResult result = run_training(device, capture, config, options.run, [&](const RunEvent& event) {
     progress.show(event);
+    // There is nothing to see before the first checkpoint.
+    if (!viewer.empty() && !viewed && (event.kind == RunEvent::Kind::checkpoint || event.kind == RunEvent::Kind::resumed)) {
+      viewed = true;
+      if (!start_viewer(viewer, {options.run.folder.string(), "--capture", options.capture.string()})) fmt::print(stderr, "{} could not be started; the training goes on\n", viewer.string());
+    }
     return !interrupt.wanted();
   });
   progress.finish(result);
@@ -117,6 +128,7 @@ void add_train_command(CLI::App& program, Run& run) {
       ->needs("--resume");
   command->add_option("--stop-at", options->run.stop_at, "stop at this step as Ctrl-C would, for --resume to go on")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
+  command->add_flag("--view", options->view, "open arah-view on the run with the first checkpoint; it follows the others");
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);
   command->add_flag("--profile", options->device.profile, "time every launch on the device and print the table");
