@@ -83,7 +83,7 @@ void expect_steady(const char* name, TrainingSettings settings) {
 
   // What a step keeps for the next would be seen thousands of times; what is left is the allocator's and the driver's own.
   const size_t ready = 2 * tenth;  // every frame and picture has been asked for, and checkpoints have been written
-  EXPECT_LE(most(ready, steps.size(), &Step::resident), most(tenth, ready, &Step::resident) + (long_form() ? 2u << 20 : 8u << 20));
+  EXPECT_LE(most(ready, steps.size(), &Step::resident), most(tenth, ready, &Step::resident) + (long_form() ? 1u << 20 : 8u << 20));
   // Shells of refined poses are made again as the poses move, a little larger or smaller; there is nothing else that may change.
   const auto [least_on_device, most_on_device] = std::minmax_element(steps.begin() + static_cast<ptrdiff_t>(tenth), steps.end(), [](const Step& a, const Step& b) { return a.on_device < b.on_device; });
   EXPECT_LE(most_on_device->on_device, least_on_device->on_device + (settings.pose_refinement ? least_on_device->on_device / 100 : 0));
