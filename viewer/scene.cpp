@@ -81,14 +81,6 @@ Pose Scene::base_pose(const ViewState& state) const {
 
 int Scene::frame_number(const ViewState& state) const { return motion_.frames[frame_at(state.timeline, motion_)].number; }
 
-std::vector<glm::dvec3> Scene::joints(const ViewState& state, const Pose& pose) const {
-  const Skeleton& skeleton = body_in(state.shape).skeleton;
-  const glm::dvec3 t = root_translation(skeleton, pose);
-  std::vector<glm::dvec3> places;
-  for (const glm::dmat4& joint : forward_kinematics(skeleton, pose)) places.push_back(glm::dvec3(joint[3]) + t);
-  return places;
-}
-
 std::vector<glm::vec3> Scene::vertices(const ViewState& state, const Pose& pose) const { return posed_vertices(body_in(state.shape), pose); }
 
 Camera Scene::camera(const ViewState& state, int width, int height) const {

@@ -39,7 +39,7 @@ class Scene {
   Pose base_pose(const ViewState& state) const;
   Pose pose(const ViewState& state) const { return edited(base_pose(state), edits_of(state, motion_.skeleton, "the view")); }
   int frame_number(const ViewState& state) const;
-  std::vector<glm::dvec3> joints(const ViewState& state, const Pose& pose) const;  // where they are, world
+  const Skeleton& skeleton(const ViewState& state) const { return body_in(state.shape).skeleton; }  // in the shape of the state
   std::vector<glm::vec3> vertices(const ViewState& state, const Pose& pose) const;  // of the template, world
 
   // Of a picture that fits so many pixels: the viewpoint's fills them; a capture's camera keeps its shape and is not enlarged.

@@ -185,7 +185,7 @@ class Viewer {
     const glm::dvec2 cursor = in_picture(io.MousePos);
     if (held_) {
       const Pose base = scene_.base_pose(state_);
-      edits_.show(edits_between(base, pulled(camera_, scene_.motion().skeleton, scene_.pose(state_), *held_, cursor), edits_.shown()));
+      edits_.show(edits_between(base, pulled(camera_, scene_.skeleton(state_), scene_.pose(state_), *held_, cursor), edits_.shown()));
       if (!io.MouseDown[0]) {
         held_.reset();
         edits_.keep();
@@ -194,7 +194,7 @@ class Viewer {
     }
     if (io.WantCaptureMouse) return;
     if (state_.handles && ImGui::IsMouseClicked(ImGuiMouseButton_Left)) {
-      const std::vector<glm::dvec3> joints = scene_.joints(state_, scene_.pose(state_));
+      const std::vector<glm::dvec3> joints = posed_joints(scene_.skeleton(state_), scene_.pose(state_));
       if (const std::optional<int> joint = joint_under(camera_, joints, cursor, 12 * unit() / enlarged())) {
         state_.joint = scene_.motion().skeleton.names[static_cast<size_t>(*joint)];
         held_ = taken(camera_, joints, *joint, cursor);
@@ -358,7 +358,7 @@ class Viewer {
       const Camera camera = behind ? answered->second.camera : camera_;
       if (state_.mesh)
         for (const OverlayLine& line : overlay_.lines(camera, scene_.vertices(state_, pose))) list.AddLine(in_window(line.from), in_window(line.to), color(line.color));
-      const SkeletonOverlay skeleton = skeleton_overlay(camera, scene_.motion().skeleton, scene_.joints(state_, pose));
+      const SkeletonOverlay skeleton = skeleton_overlay(camera, scene_.motion().skeleton, posed_joints(scene_.skeleton(state_), pose));
       if (state_.skeleton || state_.handles)
         for (const OverlayLine& line : skeleton.bones) list.AddLine(in_window(line.from), in_window(line.to), color(line.color), 2);
       for (const OverlayJoint& joint : skeleton.joints) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
@@ -93,13 +94,20 @@ FrameOnDevice::FrameOnDevice(Device& device, const Avatar& avatar, TemplateOnDev
 
   // The grid of distances; a very large body gets larger cells rather than millions of nodes.
   shell_grid_ = grid_around(posed, shell.margin, shell.cell, 1 << 20);
-  shell_distances_ = uploaded(device, "shell distances", template_distances(shell_grid_, posed, avatar.body.triangles, shell.outer + shell.margin));
+  make_shell_distances_ = [grid = shell_grid_, posed, &triangles = avatar.body.triangles, reach = shell.outer + shell.margin] { return template_distances(grid, posed, triangles, reach); };
+  device_ = &device;
   // The search tables live on the device now.
   vertices_.grid.vertices.clear(), vertices_.grid.cell_start.clear(), vertices_.grid.cell_seed.clear();
 }
 
+BufferSlice FrameOnDevice::shell_distances() {
+  if (make_shell_distances_) shell_distances_ = uploaded(*device_, "shell distances", std::exchange(make_shell_distances_, nullptr)());
+  return shell_distances_.slice();
+}
+
 uint64_t FrameOnDevice::bytes() const {
-  return constants_.bytes() + joint_rotations_.bytes() + grid_vertices_.bytes() + cell_start_.bytes() + cell_seed_.bytes() + shell_distances_.bytes() + (correspondences_ ? correspondences_->bytes() : 0);
+  const uint64_t distances = make_shell_distances_ ? node_count(shell_grid_) * 4ull : shell_distances_.bytes();
+  return constants_.bytes() + joint_rotations_.bytes() + grid_vertices_.bytes() + cell_start_.bytes() + cell_seed_.bytes() + distances + (correspondences_ ? correspondences_->bytes() : 0);
 }
 
 }  // namespace arah

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <optional>
+#include <vector>
 
 #include "host/avatar/avatar.h"
 #include "host/rendering/correspondence_grid.h"
@@ -49,7 +51,8 @@ class FrameOnDevice {
   const std::vector<glm::dmat4>& bones() const { return bones_; }     // canonical → posed, without the root translation
   const PosedVertices& vertices() const { return vertices_; }
   const ShellGrid& shell_grid() const { return shell_grid_; }
-  BufferSlice shell_distances() { return shell_distances_.slice(); }
+  // By node of that grid, metres from the posed template. Made when they are first asked for: what is drawn as a mesh needs none.
+  BufferSlice shell_distances();
   const std::array<float, 3>& root_translation() const { return root_translation_; }  // metres, world
   const RayBox& box() const { return box_; }  // posed vertices ± 5 cm, world
   // The frame's correspondences, kept; null until they are made.
@@ -62,6 +65,8 @@ class FrameOnDevice {
   Buffer constants_, joint_rotations_, grid_vertices_, cell_start_, cell_seed_, shell_distances_;
   PosedVertices vertices_;
   ShellGrid shell_grid_;
+  std::function<std::vector<float>()> make_shell_distances_;
+  Device* device_ = nullptr;
   std::array<float, 3> root_translation_{};
   RayBox box_;
   std::optional<CorrespondenceGrid> correspondences_;

@@ -103,7 +103,8 @@ class RaySamples {
  private:
   std::vector<uint32_t> meet_box(uint32_t rays);
   bool in_box() const { return settings_.mode != SamplingMode::shell; }  // and not in the shell alone
-  bool bounded_by_shell() const { return !in_box() || settings_.shell_bound; }
+  // What the drawn mesh covers needs no other bound.
+  bool bounded_by_shell() const { return !in_box() || (settings_.shell_bound && !(opaque() && settings_.surface == SurfaceSource::mesh)); }
   void place_in_box(Commands& commands, FrameOnDevice& frame, uint32_t rays, const Jitter& jitter);
 
   Device& device_;
