@@ -216,7 +216,7 @@ PictureWorker::Drawer& PictureWorker::drawer_for(const RenderSettings& settings)
   return drawers_.front();
 }
 
-std::shared_ptr<const LayerImage> PictureWorker::layer_of(Renderer& renderer, const PictureOrder& order, const Camera& camera, const Picture& picture) const {
+std::shared_ptr<const LayerImage> PictureWorker::layer_of(Renderer& renderer, const PictureOrder& order, const Camera& camera, const Picture& picture, const RenderingProgress& progress) const {
   if (order.layer == PictureLayer::weights) return std::make_shared<const LayerImage>(weights_layer(renderer, *shown_, picture, camera, order.pose, order.joint));
   if (order.layer != PictureLayer::slice) return nullptr;
   glm::dvec3 through(0.0);
@@ -225,7 +225,7 @@ std::shared_ptr<const LayerImage> PictureWorker::layer_of(Renderer& renderer, co
   through -= order.slice * glm::dvec3(camera.R[0][2], camera.R[1][2], camera.R[2][2]);  // the camera looks along its third row
   // Each pixel of it is a search of its own: every second one tells as much.
   const int width = std::max(1, picture.width / 2), height = std::max(1, picture.height / 2);
-  return std::make_shared<const LayerImage>(slice_layer(renderer.slice(plane_facing(camera, through), width, height, order.pose, order.latent_row)));
+  return std::make_shared<const LayerImage>(slice_layer(renderer.slice(plane_facing(camera, through), width, height, order.pose, order.latent_row, [&](double part) { return !progress || progress({part, picture, 0}); })));
 }
 
 void PictureWorker::draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress, DrawnPicture& drawn) {
@@ -239,7 +239,7 @@ void PictureWorker::draw(const PictureOrder& order, const Quality& quality, cons
   drawer.renderer->reset_work();
   const auto start = Clock::now();
   const auto picture = std::make_shared<const Picture>(drawer.renderer->render(camera, order.pose, order.latent_row, progress));
-  if (needs_renderer(order.layer)) drawn.layer = layer_of(*drawer.renderer, order, camera, *picture);
+  if (needs_renderer(order.layer)) drawn.layer = layer_of(*drawer.renderer, order, camera, *picture, progress);
   // What is baked once for a code is not the price of a picture.
   moving_->took(quality, pixels, new_pose, std::max(0.0, since(start) - drawer.renderer->work().baking_seconds));
   drawn.picture = picture;

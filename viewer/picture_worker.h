@@ -104,7 +104,7 @@ class PictureWorker {
   Drawer& drawer_for(const RenderSettings& settings);
   // The picture, and the layer where it needs the renderer.
   void draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress, DrawnPicture& drawn);
-  std::shared_ptr<const LayerImage> layer_of(Renderer& renderer, const PictureOrder& order, const Camera& camera, const Picture& picture) const;
+  std::shared_ptr<const LayerImage> layer_of(Renderer& renderer, const PictureOrder& order, const Camera& camera, const Picture& picture, const RenderingProgress& progress) const;
   void publish(DrawnPicture drawn);
   void say(const std::string& doing);
 

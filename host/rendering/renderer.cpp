@@ -150,14 +150,11 @@ FrameOnDevice& Renderer::packed(const Pose& pose, std::size_t latent_row, const 
   return posed(pose, between);
 }
 
-DistanceSlice Renderer::slice(const SlicePlane& plane, int width, int height, const Pose& pose, std::size_t latent_row) {
+DistanceSlice Renderer::slice(const SlicePlane& plane, int width, int height, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress) {
   if (avatar_.spec.sdf.kind == FieldKind::density) throw InputError("slice", "", "an avatar with signed distances (sdf.kind sdf)", "one with sdf.kind density");
   FrameOnDevice& frame = packed(pose, latent_row, {});
   commands_.stage("slice");
-  const RootFindingCounts before = samples_->root_finder().counts();
-  const DistanceSlice slice = distance_slice(device_, commands_, frame, *samples_, shaded_->field(), {}, avatar_.cube.metres_per_unit(), plane, width, height);
-  samples_->root_finder().restore_counts(before);  // they are of pictures
-  return slice;
+  return distance_slice(device_, commands_, frame, *samples_, shaded_->field(), {}, avatar_.cube.metres_per_unit(), plane, width, height, progress);
 }
 
 std::vector<float> Renderer::skinning_weights(std::span<const glm::vec3> points) {

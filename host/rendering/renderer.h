@@ -53,8 +53,8 @@ class Renderer {
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
 
   // Signed distances on a plane; each point's canonical one by the paper's search and distances from the network, whatever the settings
-  // give up there. Throws InputError for an avatar that has no distances.
-  DistanceSlice slice(const SlicePlane& plane, int width, int height, const Pose& pose, std::size_t latent_row);
+  // give up there. Throws InputError for an avatar that has no distances. progress: as render's.
+  DistanceSlice slice(const SlicePlane& plane, int width, int height, const Pose& pose, std::size_t latent_row, const std::function<bool(double)>& progress = {});
   // SkinningWeights::at in the pose of the last picture or slice. Throws std::logic_error before the first.
   std::vector<float> skinning_weights(std::span<const glm::vec3> points);
 

@@ -156,7 +156,7 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
     ASSERT_EQ(layer.size(), cv::Size(70, 70)) << name;
     EXPECT_EQ(layer.at<cv::Vec4b>(26, 35)[3], 255) << name;
     EXPECT_EQ(layer.at<cv::Vec4b>(0, 0)[3], std::string(name).starts_with("slice") ? 255 : 0) << name;
-    EXPECT_THAT(layers.output, HasSubstr(std::string(name) + ".png  ")) << "what its colours mean";
+    EXPECT_THAT(layers.errors, HasSubstr(std::string(name) + ".png  ")) << "what its colours mean";
   }
   // The chest does not follow the knee, and is inside.
   EXPECT_EQ(cv::imread(at("layers/weights_left_knee.png")).at<cv::Vec3b>(26, 35), cv::Vec3b(228, 224, 222));

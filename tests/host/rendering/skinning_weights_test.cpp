@@ -229,6 +229,7 @@ TEST_F(Slices, AreZeroWhereThePictureHasItsSurface) {
   std::printf("  %zu pixels, up to %.1e m off\n", seen, worst);
   EXPECT_GT(seen, 10u);
   EXPECT_LT(worst, 2e-5);  // two searches with a tolerance of 1e-5 m
+  EXPECT_THROW(renderer.slice({}, 5, 1, pose, 0, [](double) { return false; }), std::runtime_error);
   EXPECT_EQ(renderer.render(camera, pose, 0).color, picture.color) << "slices leave nothing behind";
 }
 
