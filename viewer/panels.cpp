@@ -63,6 +63,13 @@ std::vector<std::string> layer_names() {
   return names;
 }
 
+// ImGui's own font has no more: the minus of text becomes a hyphen, times an x, the rest stays.
+std::string in_ascii(std::string text) {
+  for (const auto& [from, to] : {std::pair{"\u2212", "-"}, std::pair{"\u00d7", "x"}, std::pair{"\u00b0", " deg"}})
+    for (size_t at = 0; (at = text.find(from, at)) != std::string::npos;) text.replace(at, std::string(from).size(), to);
+  return text;
+}
+
 const std::vector<ComparisonMode> kModes{ComparisonMode::off, ComparisonMode::behind, ComparisonMode::blink, ComparisonMode::split, ComparisonMode::error_map};
 
 }  // namespace
@@ -152,7 +159,7 @@ std::vector<Wish> Panels::draw(ViewState& state, const PanelFacts& facts, float 
   if (ImGui::CollapsingHeader("Keep", ImGuiTreeNodeFlags_DefaultOpen)) keep(facts, wishes);
   ImGui::PopItemWidth();
   ImGui::Separator();
-  if (!facts.message.empty()) ImGui::TextWrapped("%s", facts.message.c_str());
+  if (!facts.message.empty()) ImGui::TextWrapped("%s", in_ascii(facts.message).c_str());
   ImGui::TextDisabled("? lists the keys");
   ImGui::End();
   // The letter, not a key: it lies elsewhere on every keyboard.
@@ -208,7 +215,7 @@ void Panels::layers(ViewState& state, const PanelFacts& facts) {
     if (ImGui::SliderFloat("metres nearer", &slice, -2, 2, "%.2f")) state.slice = std::clamp(double{slice}, -2.0, 2.0);
   }
   if (state.layer == to_string(PictureLayer::weights)) joint_choice(state);
-  if (!facts.legend.empty()) ImGui::TextWrapped("%s", facts.legend.c_str());
+  if (!facts.legend.empty()) ImGui::TextWrapped("%s", in_ascii(facts.legend).c_str());
   ImGui::Checkbox("skeleton", &state.skeleton);
   note("skeleton");
   ImGui::SameLine();

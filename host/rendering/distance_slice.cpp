@@ -7,6 +7,8 @@
 #include <glm/matrix.hpp>
 #include <stdexcept>
 
+#include "host/rendering/rendering_stopped.h"
+
 namespace arah {
 
 SlicePlane plane_facing(const Camera& camera, const glm::dvec3& point) {
@@ -24,7 +26,7 @@ DistanceSlice distance_slice(Device& device, Commands& commands, FrameOnDevice& 
   const glm::dvec3 root(frame.root_translation()[0], frame.root_translation()[1], frame.root_translation()[2]);
   const uint32_t at_a_time = std::min(samples.root_finder().capacity(), field.capacity());
   for (size_t first = 0; first < pixels; first += at_a_time) {
-    if (progress && !progress(double(first) / double(pixels))) throw std::runtime_error("stopped");
+    if (progress && !progress(double(first) / double(pixels))) throw RenderingStopped();
     const auto count = static_cast<uint32_t>(std::min<size_t>(at_a_time, pixels - first));
     std::vector<std::array<float, 4>> rows(padded_points(count), {0, 0, 0, 0});
     for (size_t i = 0; i < count; ++i) {

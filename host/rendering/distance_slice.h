@@ -34,7 +34,7 @@ struct DistanceSlice {
 // For the frame and the networks as they are packed now: the canonical point of each pixel's by the search that `search` asks for,
 // and f there. As in the field itself that is a distance in canonical space; where skinning stretches or bends, another one in the posed.
 // samples: whose room for points and search are used; what was placed there is lost. Submits. progress: the part done, 0..1; return
-// false to stop (throws std::runtime_error "stopped").
+// false to stop (throws RenderingStopped).
 DistanceSlice distance_slice(Device& device, Commands& commands, FrameOnDevice& frame, RaySamples& samples, Field& field, const RootFindingSettings& search, double metres_per_unit, const SlicePlane& plane, int width, int height,
                              const std::function<bool(double)>& progress = {});
 

@@ -3,13 +3,13 @@
 
 #include <functional>
 #include <optional>
-#include <stdexcept>
 #include <vector>
 
 #include "host/rendering/distance_slice.h"
 #include "host/rendering/inspection.h"
 #include "host/rendering/ray_samples.h"
 #include "host/rendering/render_settings.h"
+#include "host/rendering/rendering_stopped.h"
 #include "host/rendering/shaded_rays.h"
 #include "host/rendering/skinning_weights.h"
 #include "host/rendering/surface_mesh.h"
@@ -35,11 +35,6 @@ struct PictureSoFar {
 };
 // Returns whether to go on.
 using RenderingProgress = std::function<bool(const PictureSoFar& so_far)>;
-
-class RenderingStopped : public std::runtime_error {
- public:
-  RenderingStopped() : std::runtime_error("stopped") {}
-};
 
 class Renderer {
  public:

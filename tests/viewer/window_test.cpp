@@ -240,6 +240,39 @@ TEST_F(WindowTest, IsResizedTwentyTimes) {
   EXPECT_GE(viewer->events().back().at("swapchains").get<int>(), 10);
 }
 
+// Gone from the screen and back: what a window manager does to a minimised window.
+TEST_F(WindowTest, ComesBackFromBeingHidden) {
+  const auto viewer = opened();
+  viewer->wait_for_rest();
+  a_moment();
+  const cv::Mat before = picture();
+  desktop_->hands("search --name '^arah' windowunmap sleep 1 windowmap sleep 1 windowfocus");
+  viewer->key("t");
+  for (int i = 0; i < 3; ++i) viewer->wait_for("picture");
+  viewer->key("t");
+  viewer->key("f");
+  viewer->wait_for_rest();
+  a_moment();
+  EXPECT_EQ(changed(before, picture()), 0);
+  ends_well(*viewer);
+}
+
+// Training opens it with the first checkpoint, and does not end with it.
+TEST_F(WindowTest, TrainingOpensIt) {
+  const fs::path capture = own_ / "capture", run = own_ / "run";
+  ASSERT_EQ(std::system(fmt::format("{} synth {} --size 64 --frames 3 >{} 2>&1", ARAH_CLI, capture.string(), (own_ / "synth.txt").string()).c_str()), 0) << read_all(own_ / "synth.txt");
+  const std::string train = fmt::format("DISPLAY={} {} train {} -o {} --steps 4 --view --set fit_steps=30 --set fit_skinning_steps=30 >{} 2>&1", desktop_->display(), ARAH_CLI, capture.string(), run.string(), (own_ / "train.txt").string());
+  ASSERT_EQ(std::system(train.c_str()), 0) << read_all(own_ / "train.txt");
+  // The training has ended; the window is there, or on its way.
+  desktop_->hands("search --sync --onlyvisible --name '^arah run'");
+  desktop_->hands("search --name '^arah run' windowfocus key ctrl+q");
+  for (int tries = 0; tries < 600; ++tries) {
+    if (std::system(fmt::format("DISPLAY={} xdotool search --name '^arah run' >/dev/null 2>&1", desktop_->display()).c_str()) != 0) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  FAIL() << "the window does not close";
+}
+
 // The file of the finest picture is the one that `arah render` writes, byte for byte.
 TEST_F(WindowTest, ItsPaperPictureIsTheOneOfArahRender) {
   const fs::path capture = own_ / "capture";
