@@ -10,11 +10,13 @@
 #include "host/cli/command.h"
 #include "host/cli/interrupt.h"
 #include "host/cli/motion_options.h"
+#include "host/cli/outcome.h"
 #include "host/cli/progress.h"
 #include "host/cli/shader_progress.h"
 #include "host/evaluation/animation.h"
 #include "host/evaluation/video.h"
 #include "host/input_error.h"
+#include "host/version.h"
 
 namespace arah {
 namespace {
@@ -104,17 +106,29 @@ int animate(const AnimateOptions& options) {
 
   fs::path working = options.out;
   if (options.video()) working += ".frames";
+  const Ranks& ranks = Ranks::of_process();
+  ranks.agree({{"version", kVersion}, {"pictures", working.string()}});
+  if (!ranks.first()) ranks.wait_for_all();  // the first one makes the folder, the others find in it what they would write
   const AnimationFolder folder(working, avatar, animation);
+  if (ranks.first()) ranks.wait_for_all();
+  const auto agree_on = [&](const Device& device) { ranks.agree({{"device", fmt::format("{} ({})", device.report().name, device.report().driver)}}); };
+  if (!ranks.first()) {
+    Device device(device_of_rank(options.device, ranks));
+    agree_on(device);
+    const Interrupt interrupt;
+    return folder.render(device, avatar, [&](double) { return !interrupt.wanted(); }, ranks) ? 0 : kFailed;
+  }
   const std::size_t before = folder.done();
   Progress progress("animate", double(frames.size()), "frames", double(before));
   if (before > 0) progress.say(fmt::format("{}: {} of {} frames are there", working.string(), before, frames.size()));
-  if (before < frames.size()) {
-    Device device(options.device);
+  if (before < frames.size() || ranks.count() > 1) {
+    Device device(device_of_rank(options.device, ranks));
+    agree_on(device);
     const Interrupt interrupt;
     const bool whole = folder.render(device, avatar, [&](double done) {
       progress.update(done);
       return !interrupt.wanted();
-    });
+    }, ranks);
     if (!whole) throw std::runtime_error(fmt::format("stopped after {} of {} frames; the same call goes on", folder.done(), frames.size()));
     progress.say(shaders_text(device));
   }
@@ -156,7 +170,8 @@ void add_animate_command(CLI::App& program, Run& run) {
   command->footer(
       "Ctrl-C stops (exit code 1); the same call goes on with the frame after the last one that is there.\n"
       "Example: arah animate run -o dance.mp4 --capture capture --split novel --turntable --beside normals\n"
-      "         arah animate run -o turn.mp4 --turntable --quality balanced");
+      "         arah animate run -o turn.mp4 --turntable --quality balanced\n"
+      "         mpirun -n 4 arah animate run -o dance.mp4 --capture capture   (each frame on the rank that is free)");
   command->callback([options, &run] { run = [options] { return animate(*options); }; });
 }
 

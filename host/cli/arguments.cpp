@@ -17,8 +17,26 @@ namespace fs = std::filesystem;
 
 void add_device_option(CLI::App& command, DeviceOptions& device) {
   command.add_option("--device", device.wanted,
-                     "Vulkan device: its number or part of its name, see arah devices (default: the best one)");
+                     "Vulkan device: its number or part of its name, see arah devices (default: the best one). Under mpirun several, with commas between, for the ranks of a machine in turn (default: all of the best type)");
   device.compiling = [line = std::make_shared<ShaderLine>()](const ShaderProgress& progress) { line->show(progress); };
+}
+
+DeviceOptions device_of_rank(DeviceOptions options, const Ranks& ranks) {
+  if (ranks.count() == 1) return options;
+  if (!ranks.first()) options.compiling = {};
+  std::vector<std::string> names;
+  if (!options.wanted.empty()) {
+    names = CLI::detail::split(options.wanted, ',');
+  } else {
+    const std::vector<DeviceReport> all = survey_devices();
+    for (const DeviceType type : {DeviceType::discrete_gpu, DeviceType::integrated_gpu, DeviceType::virtual_gpu, DeviceType::cpu, DeviceType::other}) {
+      for (const DeviceReport& device : all)
+        if (device.type == type && device.usable()) names.push_back(std::to_string(device.index));
+      if (!names.empty()) break;
+    }
+  }
+  if (!names.empty()) options.wanted = names[ranks.on_machine() % names.size()];
+  return options;
 }
 
 uint64_t memory_size(const std::string& text) {

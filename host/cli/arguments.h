@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "host/rendering/render_settings.h"
+#include "host/training/ranks.h"
 #include "kernels/vulkan/device.h"
 
 namespace CLI {
@@ -17,6 +18,9 @@ namespace arah {
 // "--device NAME" into device.wanted, ahead of ARAH_DEVICE; the device's compiling is shown (shader_progress.h).
 // device: DeviceOptions::from_environment().
 void add_device_option(CLI::App& command, DeviceOptions& device);
+// The device of one of several ranks: what --device names, of several with commas between the next one for each rank of a
+// machine; without it the machine's devices of the best type in turn. Only the first rank shows its compiling.
+DeviceOptions device_of_rank(DeviceOptions options, const Ranks& ranks);
 // "--memory SIZE" into device.memory_ceiling.
 void add_memory_option(CLI::App& command, DeviceOptions& device);
 

@@ -1,11 +1,35 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <chrono>
 #include <string>
+#include <thread>
 
 #include "host/cli/command.h"
 #include "host/cli/outcome.h"
+#include "host/input_error.h"
+#include "host/training/ranks.h"
 #include "host/version.h"
+
+namespace {
+
+// The work on one of the ranks that mpirun has started, where it has.
+int on_rank(const std::string& word, const arah::Run& run) {
+  const arah::Ranks& ranks = arah::Ranks::of_process();
+  if (ranks.count() == 1) return run();
+  return arah::outcome_of(fmt::format("arah (rank {} of {})", ranks.rank(), ranks.count()), [&] {
+    try {
+      if (word != "train" && word != "animate") throw arah::InputError(fmt::format("arah {}", word), "", "to be called without mpirun", fmt::format("{} ranks", ranks.count()), "Several ranks share the work of arah train and arah animate.");
+      return run();
+    } catch (...) {
+      // What is wrong is mostly so on all ranks: the first one says it, and its end is the others'.
+      if (!ranks.first()) std::this_thread::sleep_for(std::chrono::seconds(2));
+      throw;
+    }
+  });
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   CLI::App program("Animatable avatars from video: capture, train, render, measure.", "arah");
@@ -29,5 +53,5 @@ int main(int argc, char** argv) {
     const std::string word = called.empty() ? "" : " " + called.front()->get_name();
     return arah::report_error("arah", fmt::format("{}. See: arah{} --help", error.what(), word), arah::kWrongCall);
   }
-  return arah::outcome_of("arah", run);
+  return arah::Ranks::leave(arah::outcome_of("arah", [&] { return on_rank(program.get_subcommands().front()->get_name(), run); }));
 }

@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 #include <memory>
@@ -6,6 +7,7 @@
 #include "host/cli/arguments.h"
 #include "host/cli/command.h"
 #include "host/cli/interrupt.h"
+#include "host/cli/outcome.h"
 #include "host/cli/training_progress.h"
 #include "host/cli/viewer_process.h"
 #include "host/input_error.h"
@@ -40,7 +42,8 @@ RunConfig resolve(const Options& options, const Capture& capture) {
   } else {
     std::vector<std::string> reasons;
     config = chosen_config(capture, options.preset.value_or("tiny"), &reasons);
-    for (const std::string& reason : reasons) fmt::print(stderr, "{}\n", reason);
+    if (Ranks::of_process().first())
+      for (const std::string& reason : reasons) fmt::print(stderr, "{}\n", reason);
   }
   TrainingSettings& settings = config.settings;
   if (options.size) settings.size = *options.size;
@@ -61,15 +64,23 @@ int train(const Options& options) {
   if (options.view && viewer.empty()) throw InputError("--view", "", "arah-view beside arah or on the PATH", "none", "It is built unless CMake was told ARAH_VIEWER=OFF.");
   const Capture capture = open_capture(options.capture);
   const RunConfig config = resolve(options, capture);
-  Device device(options.device);
+  RunOptions run = options.run;
+  run.ranks = Ranks::of_process();
+  Device device(device_of_rank(options.device, run.ranks));
+  const std::vector<std::string> devices = run.ranks.gather(std::to_string(device.report().index));
+  if (!run.ranks.first()) {
+    const RunResult result = run_training(device, capture, config, run);
+    return result.stopped ? kFailed : 0;
+  }
   fmt::print(stderr, "device: {} ({})\n", device.report().name, device.report().driver);
+  if (devices.size() > 1) fmt::print(stderr, "{} ranks, on the devices {} of their machines\n", devices.size(), fmt::join(devices, ", "));
 
   const TrainingSettings& settings = config.settings;
   TrainingProgress progress(device, settings.steps > 0 ? fmt::format("{} steps", settings.steps)
                                                        : fmt::format("{:g} minutes", settings.minutes));
   const Interrupt interrupt;
   bool viewed = false;
-  const RunResult result = run_training(device, capture, config, options.run, [&](const RunEvent& event) {
+  const RunResult result = run_training(device, capture, config, run, [&](const RunEvent& event) {
     progress.show(event);
     // There is nothing to see before the first checkpoint.
     if (!viewer.empty() && !viewed && (event.kind == RunEvent::Kind::checkpoint || event.kind == RunEvent::Kind::resumed)) {
@@ -136,7 +147,9 @@ void add_train_command(CLI::App& program, Run& run) {
       "Ctrl-C stops after the current step, with a checkpoint and the avatar (exit code 1).\n"
       "A number of a step that is NaN, infinite or out of its range stops training and leaves failure_*.safetensors in the run's folder;\n"
       "with --set on_bad_value=skip such steps are left out and counted.\n"
-      "Example: arah train capture -o run --preset tiny --size 256 --minutes 10");
+      "Under mpirun the ranks share out each step's rays, on one device each; a run may go on with another number of ranks.\n"
+      "Example: arah train capture -o run --preset tiny --size 256 --minutes 10\n"
+      "         mpirun -n 4 arah train capture -o run --steps 20000");
   command->callback([options, &run] {
     options->run.started = std::chrono::steady_clock::now();
     run = [options] { return train(*options); };

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <stdexcept>
 
 #include "host/evaluation/picture.h"
@@ -77,26 +78,31 @@ std::vector<fs::path> AnimationFolder::pictures() const {
   return paths;
 }
 
-bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::function<bool(double)>& progress) const {
-  std::size_t there = done();
-  if (there == animation_.frames.size()) return true;
+bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::function<bool(double)>& progress, const Ranks& ranks) const {
+  // Of several ranks the first one looks, since others may be writing already when the next one would.
+  std::string missing;
+  for (std::size_t f = 0; ranks.first() && f < animation_.frames.size(); ++f)
+    if (!fs::exists(animation_picture(path_, f))) missing += fmt::format("{} ", f);
+  ranks.broadcast(missing);
+  std::vector<std::size_t> wanted;
+  std::istringstream words(missing);
+  for (std::size_t f = 0; words >> f;) wanted.push_back(f);
+  if (wanted.empty()) return true;
+  const std::size_t before = animation_.frames.size() - wanted.size();
   RenderSettings settings = animation_.render;
   settings.normals = animation_.normals_beside;
   Renderer renderer(device, avatar, settings);
-  for (std::size_t f = 0; f < animation_.frames.size(); ++f) {
-    const fs::path path = animation_picture(path_, f);
-    if (fs::exists(path)) continue;
-    const AnimationFrame& frame = animation_.frames[f];
+  return ranks.share(wanted.size(), [&](uint64_t number) {
+    const AnimationFrame& frame = animation_.frames[wanted[number]];
     Picture picture;
     try {
-      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](const PictureSoFar& so_far) { return progress(double(there) + so_far.part); });
+      picture = renderer.render(frame.camera, frame.pose, frame.latent_row, [&](const PictureSoFar& so_far) { return progress(double(before + number) + so_far.part); });
     } catch (const RenderingStopped&) {
       return false;
     }
-    write_file_safely(path, picture_png(picture, animation_.normals_beside));
-    if (!progress(double(++there)) && there < animation_.frames.size()) return false;
-  }
-  return true;
+    write_file_safely(animation_picture(path_, wanted[number]), picture_png(picture, animation_.normals_beside));
+    return progress(double(before + number + 1)) || number + 1 == wanted.size();
+  });
 }
 
 void AnimationFolder::remove() const {

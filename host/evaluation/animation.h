@@ -9,6 +9,7 @@
 #include "host/avatar/avatar.h"
 #include "host/capture/camera.h"
 #include "host/rendering/render_settings.h"
+#include "host/training/ranks.h"
 #include "kernels/vulkan/device.h"
 
 namespace arah {
@@ -36,8 +37,9 @@ class AnimationFolder {
 
   std::size_t done() const;  // pictures that are there
   std::vector<std::filesystem::path> pictures() const;  // all of them, in order
-  // progress: pictures done, with the part of the one in work; false stops. Returns whether all are there.
-  bool render(Device& device, const Avatar& avatar, const std::function<bool(double)>& progress) const;
+  // progress: pictures done, with the part of the one in work; false stops. Returns whether all are there. ranks: that share the
+  // pictures out among them, each to the one that is free; collective, and for the same folder on all.
+  bool render(Device& device, const Avatar& avatar, const std::function<bool(double)>& progress, const Ranks& ranks = {}) const;
   // The pictures and what says how they were made; the folder too where nothing else is in it.
   void remove() const;
 

@@ -67,7 +67,7 @@ void MaskLoss::record(Commands& commands, FrameOnDevice& frame, const Camera& ca
     samples_.set_pixels(commands, frame, camera, part(rays.pixels));
     device_.upload(masks_.slice(), part(rays.masks));
     if (!rays.weights.empty()) device_.upload(weights_.slice(), part(rays.weights));
-    samples_.place(commands, frame, count, {true, static_cast<uint32_t>(settings_.seed), step, static_cast<uint32_t>(first)});
+    samples_.place(commands, frame, count, {true, static_cast<uint32_t>(settings_.seed), step, rays.first + static_cast<uint32_t>(first)});
     commands.stage("mask loss");
     const Matrix by_row = distances_.record_distances(commands, frame.constants(), samples_.canonical(), samples_.rows(count), true);
     record_least_distance(commands, {count, settings_.mask_samples, by_row, samples_.canonical(), least_.slice()});

@@ -40,6 +40,7 @@ class MaskLoss {
     std::vector<uint32_t> pixels;  // column | row << 16
     std::vector<float> masks;      // 0 to 1
     std::vector<float> weights;    // of the rays' losses; empty: 1 each
+    uint32_t first = 0;            // number of the first one among the picture's, where others are another rank's
   };
   // The loss of P_out and its effective weight gradients (+=) of the SDF and, where `skinning` is given, of the skinning
   // network. losses: the value and its derivative to α, unweighted, += at slot and slot + 1. Submits, and leaves the last

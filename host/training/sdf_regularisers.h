@@ -5,6 +5,7 @@
 #include <random>
 
 #include "host/rendering/avatar_networks.h"
+#include "host/training/ranks.h"
 #include "host/training/template_samples.h"
 #include "host/training/training_settings.h"
 
@@ -12,10 +13,10 @@ namespace arah {
 
 class SdfRegularisers {
  public:
-  // settings must outlive this.
-  SdfRegularisers(Device& device, AvatarNetworks& networks, const TrainingSettings& settings);
+  // settings must outlive this. ranks: that share the points out among them; each then finds its part of the sums.
+  SdfRegularisers(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, const Ranks& ranks = {});
 
-  // Uploads a step's points.
+  // Uploads a step's points: of all that are drawn, this rank's.
   void draw(const TemplateSamples& samples, std::mt19937_64& generator);
   // losses: the unweighted values += at these slots; effective weight gradients of the SDF +=. partials, scratch: shared with others.
   struct Slots {
@@ -26,13 +27,15 @@ class SdfRegularisers {
 
   // For the watch, after record: ∂f/∂n at the eikonal points; f at the points outside and inside, and how many rows these take.
   Matrix eikonal_gradients() { return eikonal_tape_.gradient(); }
+  Ranks::Part eikonal_points() const { return eikonal_; }
   Matrix sign_distances() { return sign_tape_.sdf(); }
-  uint32_t sign_rows() const { return padded_points(settings_.off_surface_points) + settings_.inside_points; }
+  uint32_t sign_rows() const { return padded_points(off_surface_.size()) + inside_.size(); }
 
  private:
   Device& device_;
   AvatarNetworks& networks_;
   const TrainingSettings& settings_;
+  Ranks::Part eikonal_, off_surface_, inside_;  // of the settings' points
   SirenTape eikonal_tape_, sign_tape_;
 };
 

@@ -99,8 +99,9 @@ void SkinningGradient::record_from_cotangents(Commands& commands, FrameOnDevice&
   networks_.skinning().record_backward(commands, rows_tape_, {rows, {}}, weights);
 }
 
-void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones) {
+void SkinningGradient::set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones, uint32_t passed_over) {
   std::uniform_int_distribution<size_t> pick(0, pool.size() - 1);
+  for (uint32_t i = 0; i < passed_over; ++i) pick(generator);
   std::vector<std::array<float, 4>> positions, weights;
   std::vector<uint32_t> joints;
   for (uint32_t i = 0; i < points_; ++i) {

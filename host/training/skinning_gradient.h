@@ -40,7 +40,8 @@ class SkinningGradient {
   void record_from_cotangents(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& cotangents, bool accumulate, const BufferSlice& scratch);
 
   // Uploads a batch of `points` of the pool, with Skinning::backward moved by these bones; then the loss and its effective weight gradients (=, or += with accumulate).
-  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones);
+  // passed_over: points that are drawn before them, and left to others.
+  void set_surface(const std::vector<WeightSample>& pool, std::mt19937_64& generator, const std::vector<glm::dmat4>& bones, uint32_t passed_over = 0);
   void record_surface_loss(Commands& commands, const BufferSlice& frame_constants, WeightsMeasure measure, double weight, bool accumulate, const BufferSlice& losses, uint32_t slot, const BufferSlice& scratch);
 
  private:

@@ -36,11 +36,12 @@ std::mt19937_64 step_generator(uint64_t seed, uint64_t step, uint64_t stream) {
 
 // Rays of a step that go forward and back together, a multiple of 64 unless all do; gradients of several passes add up.
 // Unless stated, as many as the device can bind the activations of.
-uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings) {
-  if (settings.rays_at_a_time) return std::min(padded_points(settings.rays_at_a_time), settings.rays);
+// of_step: how many there are.
+uint32_t rays_of_a_pass(Device& device, const AvatarSpec& spec, const TrainingSettings& settings, uint32_t of_step) {
+  if (settings.rays_at_a_time) return std::min(padded_points(settings.rays_at_a_time), of_step);
   const uint64_t rows = device.report().max_storage_buffer_bytes / (4 * std::max({64u, spec.sdf.width, spec.skinning.width}));
   const uint64_t rays = std::max<uint64_t>(rows / settings.color_sampling().samples / point_padding, 1) * point_padding;
-  return static_cast<uint32_t>(std::min<uint64_t>(rays, settings.rays));
+  return static_cast<uint32_t>(std::min<uint64_t>(rays, of_step));
 }
 
 // Samples of a pass that can be shaded: few are worth it, and each keeps much for the way back. What they keep is to fit twelve
@@ -72,21 +73,40 @@ uint32_t mask_rays_of_a_pass(Device& device, const AvatarSpec& spec, const Train
   return static_cast<uint32_t>(std::min<uint64_t>(rays, padded_points(pass_rays)));
 }
 
+// What a step has too few of for so many ranks, or cannot exchange between them, is refused.
+const TrainingSettings& for_ranks(const TrainingSettings& settings, const AvatarSpec& spec, const Ranks& ranks) {
+  if (ranks.count() == 1) return settings;
+  const std::string where = fmt::format("training on {} ranks", ranks.count());
+  if (spec.sdf.pose == PoseConditioning::hypernetwork)
+    throw InputError(where, "spec.sdf.pose", "none or low_rank, whose gradients are exchanged", "hypernetwork", "Train it without mpirun.");
+  const auto at_least = [&](const char* name, uint32_t found, uint32_t wanted) {
+    if (found < wanted) throw InputError(where, name, fmt::format("at least {}", wanted), fmt::format("{}", found), fmt::format("Start fewer ranks, or set --set {}={}.", name, wanted));
+  };
+  at_least("rays", settings.rays, (ranks.count() - 1) * point_padding + 1);
+  if (spec.sdf.kind == FieldKind::sdf) {
+    at_least("eikonal_points", settings.eikonal_points, ranks.count());
+    at_least("off_surface_points", settings.off_surface_points, ranks.count());
+    at_least("inside_points", settings.inside_points, ranks.count());
+  }
+  if (spec.skinning.learned()) at_least("skinning_points", settings.skinning_points, ranks.count());
+  return settings;
+}
+
 }  // namespace
 
-Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays)
+Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays, const Ranks& ranks)
     : updates(device, networks, settings),
       watch(device),
       samples(device, networks, pass_rays, settings.color_sampling()),
       shaded(device, networks, pass_rays, settings.color_sampling().samples, shaded_in_a_pass(device, networks.spec(), settings, pass_rays)) {
   check_settings(settings, networks.spec(), "training");
-  if (networks.spec().sdf.kind == FieldKind::sdf) regularisers.emplace(device, networks, settings);
+  if (networks.spec().sdf.kind == FieldKind::sdf) regularisers.emplace(device, networks, settings, ranks);
   const uint32_t rays = padded_points(pass_rays), rows = padded_points(pass_rays * samples.samples());
   if (samples.has_gaps()) shaded.field().make_room_for_gaps();
   if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
   const bool of_surface = settings.rendering == Rendering::surface;
   const uint32_t mask_rays = of_surface ? mask_rays_of_a_pass(device, networks.spec(), settings, pass_rays) : 0;
-  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, std::max(shaded.field().shaded_capacity(), mask_rays), settings.skinning_points);
+  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, std::max(shaded.field().shaded_capacity(), mask_rays), ranks.part(settings.skinning_points).size());
   if (settings.pose_refinement) pose_gradient.emplace(device, networks, shaded.field().shaded_capacity());
   if (of_surface) {
     shaded.field().opaque_distances();
@@ -114,16 +134,19 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
                                                                    skinning ? skinning->scratch_floats() : 64, mask_loss ? mask_loss->scratch_floats() : 64, shaded.field().scratch_floats()}));
 }
 
-Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings)
+Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings, const Ranks& ranks)
     : device_(device),
       avatar_(in_start_shape(std::move(avatar), settings)),
-      settings_(settings),
+      settings_(for_ranks(settings, avatar_.spec, ranks)),
+      ranks_(ranks),
+      rays_(ranks.part(settings.rays, point_padding)),
+      skinning_points_(ranks.part(settings.skinning_points)),
       commands_(device),
       images_(device, avatar_, capture, settings.size, settings.sampling.shell),
       template_samples_(draw_template_samples(avatar_, settings.seed)),
       pass_rays_(planned_rays()),
       networks_(device, avatar_, true, settings.frames_per_step),
-      room_(device, networks_, settings_, pass_rays_),
+      room_(device, networks_, settings_, pass_rays_, ranks_),
       mask_sharpness_(settings.mask_alpha, settings.mask_alpha_rate) {
   if (settings_.disturb_degrees > 0 || settings_.disturb_metres > 0)
     for (size_t frame = 0; frame < images_.poses().size(); ++frame) {
@@ -148,13 +171,13 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
 uint32_t Trainer::planned_rays() {
   const auto make = [&](uint32_t rays) {
     AvatarNetworks networks(device_, avatar_, true, settings_.frames_per_step);
-    Room(device_, networks, settings_, rays);
+    Room(device_, networks, settings_, rays, ranks_);
   };
   // Under a ceiling all frames come first, so that what is left for a pass is known; else each is made when a step asks for it.
-  if (device_.memory_ceiling()) images_.make_frames(with_grids(), device_.bytes_of([&] { make(std::min(settings_.rays, point_padding)); }));
+  if (device_.memory_ceiling()) images_.make_frames(with_grids(), device_.bytes_of([&] { make(std::min(rays_.size(), point_padding)); }));
   // The shell of another pose may need more room than the one that it replaces.
   const uint64_t for_shells = settings_.pose_refinement ? images_.frame_bytes() / 8 : 0;
-  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_), for_shells, make);
+  return rays_that_fit(device_, "training", rays_of_a_pass(device_, avatar_.spec, settings_, rays_.size()), for_shells, make);
 }
 
 std::vector<size_t> Trainer::pictured_frames() const {
@@ -283,13 +306,18 @@ void Trainer::draw_by_importance(Batch& batch, const TrainingImage& image, std::
 void Trainer::note_errors(const Batch& batch, uint32_t first, uint32_t rays) {
   commands_.submit_and_wait();
   const auto colors = device_.download<float>(room_.shaded.colors().elements(0, 4ull * rays));
-  const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);  // in store since its rays were drawn
   for (uint32_t ray = 0; ray < rays; ++ray) {
     // |rgb - photograph| summed over channels, and |Σw - mask|: bounded, unlike the cross entropy, so that no ray drowns the others.
-    double error = 0;
+    double& error = noted_errors_[size_t(batch.picture) * settings_.rays + first + ray] = 0;
     for (size_t channel = 0; channel < 4; ++channel) error += std::abs(double{colors[4 * ray + channel]} - double{batch.targets[first + ray][channel]});
-    const bool person = first + ray < batch.on_person;
-    noted_errors_.push_back({&importance_.pool(batch.number, person, person ? image.person : image.around), batch.drawn[first + ray], error});
+  }
+}
+
+void Trainer::see_errors(const Batch& batch) {
+  const TrainingImage& image = images_.image(commands_, room_.samples, batch.place);  // in store since its rays were drawn
+  for (uint32_t ray = 0; ray < settings_.rays; ++ray) {
+    const bool person = ray < batch.on_person;
+    importance_.pool(batch.number, person, person ? image.person : image.around).see(batch.drawn[ray], noted_errors_[size_t(batch.picture) * settings_.rays + ray]);
   }
 }
 
@@ -297,12 +325,13 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   const RootFindingCounts counts = room_.samples.root_finder().counts();
   room_.samples.set_pixels(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + first, batch.pixels.begin() + first + rays});
   if (room_.surface_finder) {
-    SurfaceHits some{{hits.points.begin() + first, hits.points.begin() + first + rays}, {hits.depths.begin() + first, hits.depths.begin() + first + rays}};
+    const uint32_t of_own = first - rays_.begin;
+    SurfaceHits some{{hits.points.begin() + of_own, hits.points.begin() + of_own + rays}, {hits.depths.begin() + of_own, hits.depths.begin() + of_own + rays}};
     some.points.resize(padded_points(rays), {0, 0, 0, 0});
     room_.samples.set_surface(some);
   }
   const uint32_t first_of_step = batch.picture * padded_points(settings_.rays) + first;
-  const bool accumulate = first > 0 || !batch.first_of_frame;
+  const bool accumulate = first > rays_.begin || !batch.first_of_frame;
   room_.samples.place(commands_, frame, rays, {true, static_cast<uint32_t>(settings_.seed), static_cast<uint32_t>(steps_), first_of_step});
   if (!room_.shaded.record_forward(commands_, frame, room_.samples, rays, {.least_weight = settings_.least_weight, .view_rotation = view_rotation_})) {
     room_.samples.root_finder().restore_counts(counts);  // of a pass that did not happen
@@ -363,16 +392,17 @@ void Trainer::run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHi
   if (settings_.ray_importance > 0) note_errors(batch, first, rays);
 }
 
-bool Trainer::of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray) { return hits.points[ray][3] <= 0 || batch.targets[ray][3] < 0.5f; }
+bool Trainer::of_mask_loss(const Batch& batch, const SurfaceHits& hits, uint32_t ray) const { return hits.points[ray - rays_.begin][3] <= 0 || batch.targets[ray][3] < 0.5f; }
 
 void Trainer::record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step) {
   MaskLoss::Rays rays;
-  for (size_t ray = 0; ray < batch.pixels.size(); ++ray) {
+  for (uint32_t ray = rays_.begin; ray < rays_.end; ++ray) {
     if (!of_mask_loss(batch, hits, ray)) continue;
     rays.pixels.push_back(batch.pixels[ray]);
     rays.masks.push_back(batch.targets[ray][3]);
     if (settings_.ray_importance > 0) rays.weights.push_back(batch.weights[ray]);
   }
+  rays.first = static_cast<uint32_t>(ranks_.before(rays.pixels.size()));
   commands_.submit_and_wait();
   room_.mask_loss->record(commands_, frame, images_.camera(batch.place.camera), rays, mask_sharpness_.alpha(), static_cast<uint32_t>(steps_), skinning_step ? &*room_.skinning : nullptr,
                           room_.losses.slice(), mask_slot, room_.scratch.slice());
@@ -395,16 +425,15 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
     SurfaceHits hits;
     if (room_.surface_finder) {
       // A ray that sphere tracing led astray may be rescued by the joint search.
-      hits = room_.samples.search_surface(commands_, frame, images_.camera(batch.place.camera), batch.pixels, *room_.surface_finder, SurfaceFinder::Candidates::in_box);
-      person_rays_ += batch.on_person;
-      for (uint32_t ray = 0; ray < batch.on_person; ++ray) person_hits_ += hits.points[ray][3] > 0;
+      hits = room_.samples.search_surface(commands_, frame, images_.camera(batch.place.camera), {batch.pixels.begin() + rays_.begin, batch.pixels.begin() + rays_.end}, *room_.surface_finder, SurfaceFinder::Candidates::in_box);
+      for (uint32_t ray = rays_.begin; ray < std::min(batch.on_person, rays_.end); ++ray) person_rays_ += 1, person_hits_ += hits.points[ray - rays_.begin][3] > 0;
     }
     std::vector<std::array<float, 4>> targets = batch.targets;
     // In surface rendering a ray has a colour to learn where it hits the surface and shows the person.
-    for (size_t ray = 0; room_.mask_loss && ray < targets.size(); ++ray)
+    for (uint32_t ray = rays_.begin; room_.mask_loss && ray < rays_.end; ++ray)
       if (of_mask_loss(batch, hits, ray)) targets[ray][3] = -1;
     device_.upload(room_.targets.slice().elements(4 * first_of_step, 4 * targets.size()), targets);
-    for (uint32_t first = 0; first < settings_.rays; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, settings_.rays - first), skinning_step);
+    for (uint32_t first = rays_.begin; first < rays_.end; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, rays_.end - first), skinning_step);
     if (room_.mask_loss) record_mask_loss_of(frame, batch, hits, skinning_step);
   }
   commands_.stage("regularisers");
@@ -412,15 +441,16 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
   if (room_.regularisers) {
     commands_.stage("watch");
     SdfRegularisers& of_sdf = *room_.regularisers;
-    room_.watch.record(commands_, Watched::eikonal_gradients, {.values = of_sdf.eikonal_gradients(), .rows = settings_.eikonal_points, .first_row = frame_of_step * settings_.eikonal_points, .after_previous = true});
+    room_.watch.record(commands_, Watched::eikonal_gradients, {.values = of_sdf.eikonal_gradients(), .rows = of_sdf.eikonal_points().size(), .first_row = frame_of_step * settings_.eikonal_points + of_sdf.eikonal_points().begin, .after_previous = true});
     room_.watch.record(commands_, Watched::sign_distances, {.values = of_sdf.sign_distances(), .rows = of_sdf.sign_rows(), .first_row = frame_of_step * of_sdf.sign_rows()});
     commands_.stage("regularisers");
   }
   // Of the body, not of a frame: once a step.
-  if (skinning_step && frame_of_step == 0) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight, true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
+  if (skinning_step && frame_of_step == 0) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight * (double(skinning_points_.size()) / std::max(settings_.skinning_points, 1u)), true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
   commands_.stage("weights");
+  // The size of the parameters belongs to no ray: of several ranks the first one adds it.
   networks_.record_unpack(commands_, row, {true, skinning_step, true}, room_.scratch.slice(), frame_of_step,
-                          {static_cast<float>(settings_.parameter_weight / settings_.frames_per_step), room_.losses.slice(), parameter_slot});
+                          {static_cast<float>(ranks_.first() ? settings_.parameter_weight / settings_.frames_per_step : 0), room_.losses.slice(), parameter_slot});
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
@@ -433,7 +463,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   const bool skinning_step = room_.skinning && settings_.skinning_every && steps_ % settings_.skinning_every == 0 && rate_factor(settings_.skinning, settings_, steps_, done_) > 0;
   if (skinning_step) {
     std::mt19937_64 generator = step_generator(settings_.seed, steps_, 2);
-    room_.skinning->set_surface(template_samples_.surface, generator, images_.frame(frames[0][0].place.frame).bones());
+    room_.skinning->set_surface(template_samples_.surface, generator, images_.frame(frames[0][0].place.frame).bones(), skinning_points_.begin);
   }
 
   const double pose_factor = refinement_ ? rate_factor(settings_.poses, settings_, steps_, done_) : 0, shape_factor = shape_ ? rate_factor(settings_.shape, settings_, steps_, done_) : 0;
@@ -442,7 +472,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
   room_.watch.record_clear(commands_);
-  noted_errors_.clear();
+  noted_errors_.assign(settings_.ray_importance > 0 ? all_rays(settings_) : 0, 0.0);
   room_.samples.root_finder().reset_counts();
   if (room_.mask_loss) room_.mask_loss->root_finder().reset_counts();
   shaded_samples_ = passes_done_ = 0;
@@ -457,15 +487,22 @@ StepReport Trainer::step(uint64_t steps_left) {
     commands_.submit_and_wait();
     pose_gradients.push_back({room_.pose_gradient->download(), networks_.download_pose_gradient(device_)});
   }
+  if (ranks_.count() > 1) add_up_ranks(pose_gradients);
   commands_.stage("optimiser");
   room_.updates.record_norms(commands_, skinning_step);
   commands_.submit_and_wait();
+  if (ranks_.count() == 1) {
+    searches_ = searches();
+    device_.download(room_.grid_clamped.slice().elements(0, 1), &grid_clamped_, 4);
+  }
   const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
   // Nothing of what training learns has changed so far, and nothing does where a number is bad: the step can be repeated.
-  if (BadValues bad = bad_values(frames, losses, pose_gradients, !std::exchange(state_watched_, true)); !bad.tensors.empty())
+  if (BadValues bad = of_all_ranks(bad_values(frames, losses, pose_gradients, !std::exchange(state_watched_, true))); !bad.tensors.empty())
     return skip(std::move(bad), steps_left);
   skipped_in_a_row_ = 0;
-  for (const NotedError& noted : noted_errors_) noted.pool->see(noted.pixel, noted.error);
+  for (const std::vector<Batch>& batches : frames)
+    for (const Batch& batch : batches)
+      if (settings_.ray_importance > 0) see_errors(batch);
   room_.updates.record(commands_, steps_, done_, skinning_step);
   commands_.submit_and_wait();
 
@@ -503,10 +540,9 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.total += settings_.color_weight * report.color + settings_.alpha_weight * report.alpha + settings_.eikonal_weight * report.eikonal + settings_.off_surface_weight * report.off_surface +
                   settings_.inside_weight * report.inside + settings_.skinning_weight * report.skinning + settings_.parameter_weight * report.parameters;
   report.sdf_norm = room_.updates.sdf_norm();
-  const RootFindingCounts counts = searches();
   report.shaded = double(shaded_samples_) / double(uint64_t(room_.samples.rows(settings_.rays)) * settings_.frames_per_step * settings_.pictures_per_frame);
-  report.converged = counts.points ? double(counts.converged) / double(counts.points) : 1;
-  device_.download(room_.grid_clamped.slice().elements(0, 1), &report.grid_clamped, 4);
+  report.converged = searches_.points ? double(searches_.converged) / double(searches_.points) : 1;
+  report.grid_clamped = grid_clamped_;
   float b = 0;
   device_.download(networks_.parameter("b").elements(0, 1), &b, 4);
   report.b = std::abs(b);

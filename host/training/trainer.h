@@ -14,6 +14,7 @@
 #include "host/training/bad_values.h"
 #include "host/training/parameter_updates.h"
 #include "host/training/pose_refinement.h"
+#include "host/training/ranks.h"
 #include "host/training/shape_refinement.h"
 #include "host/training/mask_loss.h"
 #include "host/training/ray_importance.h"
@@ -52,12 +53,15 @@ class Trainer {
   // the shape begins, or, of one that `resume` continues, where it began. The capture must outlive the trainer.
   // Rays that do not fit below the device's memory ceiling together go in several passes, whose gradients add up: the last bits
   // of a training depend on how many. Throws MemoryCeilingError where not even passes of 64 rays fit.
-  Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings);
+  // ranks: that train together, all with the same capture, avatar and settings. A step's rays and points are drawn as one rank
+  // draws them, each rank does its part, and what all found is added up, so that all take the same step; step() is collective.
+  // Throws InputError where there are too few rays or points for so many ranks, or the SDF comes from a hypernetwork.
+  Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings, const Ranks& ranks = {});
 
   const TrainingSettings& settings() const { return settings_; }
   uint64_t steps_done() const { return steps_; }
   uint64_t steps_skipped() const { return skipped_; }  // of them, because of bad values
-  uint32_t passes() const { return (settings_.rays + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
+  uint32_t passes() const { return (rays_.size() + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
   double done() const { return done_; }
 
   // One step. steps_left: how many are still to come, this one included: the schedule's position moves from where it is
@@ -92,7 +96,7 @@ class Trainer {
   };
   // What a step works in beside the networks, for so many rays of a pass.
   struct Room {
-    Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays);
+    Room(Device& device, AvatarNetworks& networks, const TrainingSettings& settings, uint32_t pass_rays, const Ranks& ranks);
     ParameterUpdates updates;
     Watch watch;
     RaySamples samples;
@@ -132,12 +136,15 @@ class Trainer {
   void draw_by_importance(Batch& batch, const TrainingImage& image, std::mt19937_64& generator);
   // Notes how far the colours of `rays` of the batch's rays, from `first` on, are from the photograph. Submits.
   void note_errors(const Batch& batch, uint32_t first, uint32_t rays);
+  // What was noted of the batch's rays goes to the pools that they were drawn from.
+  void see_errors(const Batch& batch);
   // Losses and gradients of `rays` of the batch's, from `first` on, in halves where more of their samples are to be shaded than
-  // there is room for: losses and raw gradients +=, effective weight gradients = from the batch's first ray on and += later.
+  // there is room for: losses and raw gradients +=, effective weight gradients = from this rank's first ray of the batch on and
+  // += later. hits: of this rank's rays.
   // Submits, and leaves the last launches recorded.
   void run_pass(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, uint32_t first, uint32_t rays, bool skinning_step);
-  // Of surface rendering: whether the ray misses the surface or the person, and the loss of those that do. Submits.
-  static bool of_mask_loss(const Batch& batch, const SurfaceHits& hits, size_t ray);
+  // Of surface rendering, of this rank's rays: whether the ray misses the surface or the person, and the loss of those that do. Submits.
+  bool of_mask_loss(const Batch& batch, const SurfaceHits& hits, uint32_t ray) const;
   void record_mask_loss_of(FrameOnDevice& frame, const Batch& batch, const SurfaceHits& hits, bool skinning_step);
   // The watch over a pass's tensors, all still in store after its way back; first_of_step: its first ray.
   void watch_pass(uint32_t rays, uint32_t first_of_step, bool position);
@@ -145,6 +152,10 @@ class Trainer {
   BadValues bad_values(const std::vector<std::vector<Batch>>& frames, const std::vector<float>& losses, const std::vector<PoseGradients>& pose_gradients, bool state);
   std::string place_of(WatchedRow row, uint64_t index, const std::vector<std::vector<Batch>>& frames) const;
   RootFindingCounts searches() { return (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts(); }
+  // Collective: losses, gradients and counts of the step, which each rank has found for its part, are added up.
+  void add_up_ranks(std::vector<PoseGradients>& pose_gradients);
+  // Collective: what is bad on this rank, or what another found, so that all do the same.
+  BadValues of_all_ranks(const BadValues& found);
   StepReport skip(BadValues found, uint64_t steps_left);
   SafetensorsFile state(const Avatar& shown);
   // Losses and raw gradients (+=) of one frame's pictures.
@@ -153,6 +164,9 @@ class Trainer {
   Device& device_;
   Avatar avatar_;
   TrainingSettings settings_;
+  Ranks ranks_;
+  Ranks::Part rays_;             // this rank's of a picture
+  Ranks::Part skinning_points_;  // and of the template's surface
   Commands commands_;
   TrainingImages images_;
   TemplateSamples template_samples_;
@@ -172,12 +186,10 @@ class Trainer {
   double done_ = 0;
   double last_skinning_loss_ = 0;
   MaskSharpness mask_sharpness_;
-  struct NotedError {
-    PoolImportance* pool;
-    size_t pixel;
-    double error;
-  };
-  std::vector<NotedError> noted_errors_;  // of the step, to be seen where it is taken
+  std::vector<double> noted_errors_;  // of the step's rays, picture by picture, to be seen where the step is taken
+  RootFindingCounts searches_;        // of the step, of all ranks
+  uint32_t grid_clamped_ = 0;         // since the start, of all ranks
+  bool found_apart_ = false;          // whether a rank saw in the step what others may not have seen
   bool state_watched_ = false;            // since the start or resume()
   uint64_t skipped_ = 0, skipped_in_a_row_ = 0;
 };

@@ -73,7 +73,7 @@ BadValues Trainer::bad_values(const std::vector<std::vector<Batch>>& frames, con
     add(of_host("weights", "gradients of the pose that the SDF reads", pose_gradients[f].input, [&](size_t) { return fmt::format("frame {}", frame); }));
   }
   for (BadTensor& gradient : room_.updates.bad_gradients()) bad.tensors.push_back(std::move(gradient));
-  const RootFindingCounts counts = searches();
+  const RootFindingCounts& counts = searches_;
   // A skinning network that is not finite shows in this alone where the step does not train it.
   if (state || !bad.tensors.empty() || (counts.points > 0 && counts.converged == 0)) {
     std::vector<BadTensor> of_state = room_.updates.bad_state();

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 #include <deque>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -12,6 +14,7 @@
 #include "host/avatar/spec_choice.h"
 #include "host/input_error.h"
 #include "host/training/prior.h"
+#include "host/version.h"
 
 namespace arah {
 namespace {
@@ -92,19 +95,25 @@ class TrainingRun {
         settings_(config.settings),
         config_(config),
         options_(options),
+        ranks_(options.ranks),
         listen_(listen),
         folder_(options.folder) {}
 
   RunResult run() {
     check_settings(settings_, config_.spec, "training");
+    ranks_.agree(facts());
     std::optional<SafetensorsFile> saved;
-    if (options_.resume) {
+    if (!ranks_.first()) {
+      saved = checkpoint_of_first();
+    } else if (options_.resume) {
       folder_.reopen(config_);
       saved = options_.from.empty() ? folder_.newest_checkpoint(&damaged_) : read_safetensors(options_.from);
       if (saved) earlier_ = earlier_seconds(*saved);
     } else {
       folder_.create(config_);
     }
+    std::string checkpoint = saved ? saved->path.string() : "";
+    if (ranks_.first()) ranks_.broadcast(checkpoint);
     try {
       log({{"event", "start"},
            {"device", device_.report().name},
@@ -133,7 +142,23 @@ class TrainingRun {
 
  private:
   void give_up() {
-    if (!options_.resume && !stepped_) folder_.discard();
+    if (ranks_.first() && !options_.resume && !stepped_) folder_.discard();
+  }
+
+  // What must be the same on all ranks, or they would not take the same steps.
+  std::map<std::string, std::string> facts() const {
+    std::map<std::string, std::string> facts{{"version", kVersion}, {"device", fmt::format("{} ({})", device_.report().name, device_.report().driver)}, {"resume", options_.resume ? "yes" : "no"}};
+    for (const auto& [name, print] : config_.parts) facts["capture: " + name] = print;
+    for (const auto& [part, text] : {std::pair{"setting", settings_to_json(settings_)}, {"spec", spec_to_json(config_.spec)}})
+      for (const auto& [name, value] : ordered_json::parse(text).items()) facts[fmt::format("{} {}", part, name)] = value.dump();
+    return facts;
+  }
+
+  std::optional<SafetensorsFile> checkpoint_of_first() const {
+    std::string path;
+    ranks_.broadcast(path);
+    if (path.empty()) return std::nullopt;
+    return read_safetensors(path);
   }
 
   double seconds() const { return earlier_ + seconds_since(options_.started); }
@@ -153,6 +178,7 @@ class TrainingRun {
   }
 
   void log(ordered_json event) {
+    if (!ranks_.first()) return;
     event["seconds"] = std::round(1000 * seconds()) / 1000;
     folder_.log(event.dump());
   }
@@ -193,30 +219,45 @@ class TrainingRun {
       fit.fit_skinning_steps = settings_.prior_fit_skinning_steps;
       log({{"event", "prior"}, {"file", settings_.prior}, {"family", ordered_json::parse(prior.family)}, {"seed", prior.settings.seed}, {"version", prior.version}, {"pose_networks", pose_networks}});
     }
-    if (device_.memory_ceiling()) Trainer(device_, capture_, avatar, settings_);  // too low a ceiling is refused before the fit
+    if (device_.memory_ceiling()) Trainer(device_, capture_, avatar, settings_, ranks_);  // too low a ceiling is refused before the fit
     RunEvent event;
+    bool whole = true;
     try {
-      event.fit = fit_template(device_, avatar, fit, [&](double fraction) {
-        RunEvent fitting;
-        fitting.fraction = fraction;
-        return tell(fitting);
-      }, training_poses());
+      if (ranks_.first())
+        event.fit = fit_template(device_, avatar, fit, [&](double fraction) {
+          RunEvent fitting;
+          fitting.fraction = fraction;
+          return tell(fitting);
+        }, training_poses());
     } catch (const std::runtime_error&) {
       if (!stopped_) throw;
       if (!options_.resume) folder_.discard();
-      return {true, 0, seconds(), {}, 0, {}};
+      whole = false;
     }
+    if (!fit_of_first(avatar, whole)) return {true, 0, seconds(), {}, 0, {}};
     log({{"event", "fit"}, {"sdf_error", event.fit.sdf_error}, {"skinning_error", event.fit.skinning_error}});
     event.kind = RunEvent::Kind::fitted;
     event.prior = pose_networks;
     tell(event);
-    Trainer trainer(device_, capture_, std::move(avatar), settings_);
+    Trainer trainer(device_, capture_, std::move(avatar), settings_, ranks_);
     return train(trainer);
   }
 
+  // Every rank gets the first one's avatar as it was fitted, or learns that its fit was stopped.
+  bool fit_of_first(Avatar& avatar, bool whole) const {
+    if (ranks_.count() == 1) return whole;
+    std::string bytes;
+    if (ranks_.first() && whole) bytes.assign(reinterpret_cast<const char*>(avatar.parameters.data()), avatar.parameters.size() * sizeof(float));
+    ranks_.broadcast(bytes);
+    if (bytes.empty()) return false;
+    std::memcpy(avatar.parameters.data(), bytes.data(), bytes.size());
+    return true;
+  }
+
   RunResult resumed(const SafetensorsFile& file) {
-    Trainer trainer(device_, capture_, avatar_from_tensors(file), settings_);
+    Trainer trainer(device_, capture_, avatar_from_tensors(file), settings_, ranks_);
     trainer.resume(file);
+    ranks_.agree({{"checkpoint", fmt::format("{} of step {}", file.path.string(), trainer.steps_done())}});
     RunEvent event;
     event.kind = RunEvent::Kind::resumed;
     event.file = file.path;
@@ -227,6 +268,9 @@ class TrainingRun {
     tell(event);
     return train(trainer);
   }
+
+  // The same number on all ranks: steps to come, the next one included; 0: the training is over, or was stopped.
+  uint64_t steps_to_go(const Trainer& trainer) const { return ranks_.broadcast(stopped_ ? 0 : steps_left(trainer)); }
 
   // Steps to come, the next one included; 0: the training is over.
   uint64_t steps_left(const Trainer& trainer) const {
@@ -242,6 +286,7 @@ class TrainingRun {
   }
 
   void save(Trainer& trainer) {
+    if (!ranks_.first()) return;
     SafetensorsFile file = trainer.checkpoint();
     file.metadata[kSecondsKey] = fmt::format("{:.3f}", seconds());
     RunEvent event;
@@ -257,6 +302,7 @@ class TrainingRun {
 
   // The avatar under the last time that has passed; several pass at once where steps are long.
   void keep(Trainer& trainer, double passed) {
+    if (!ranks_.first()) return;
     double last = 0;
     for (const double minutes : options_.keep_minutes)
       if (60 * minutes > kept_until_ && 60 * minutes <= passed) last = std::max(last, minutes);
@@ -269,6 +315,7 @@ class TrainingRun {
 
   // Keeps the step that failed, and says how to look at it.
   std::string keep_failure(Trainer& trainer, const BadValues& found) {
+    if (!ranks_.first()) return "";
     const std::filesystem::path path = folder_.failure_file(found.step);
     try {
       SafetensorsFile file = trainer.failure(found);
@@ -308,10 +355,10 @@ class TrainingRun {
     tell(ready);
     double saved_at = seconds(), logged_at = -kLogInterval;
     StepReport last;
-    while (!stopped_) {
+    for (;;) {
       if (options_.stop_at > 0 && trainer.steps_done() >= options_.stop_at) stopped_ = true;
-      const uint64_t left = steps_left(trainer);
-      if (stopped_ || left == 0) break;
+      const uint64_t left = steps_to_go(trainer);
+      if (left == 0) break;
       const Clock::time_point start = Clock::now();
       StepReport report = step(trainer, left);
       pace_.add(seconds_since(start));
@@ -337,7 +384,8 @@ class TrainingRun {
         saved_at = seconds();
       }
     }
-    const bool stopped = stopped_ && steps_left(trainer) > 0;
+    ranks_.agree({{"parameters after training", fingerprint_of(trainer)}});
+    const bool stopped = ranks_.broadcast(stopped_ && steps_left(trainer) > 0 ? 1 : 0) != 0;
     if (!stopped && settings_.steps == 0) keep(trainer, std::max(seconds(), budget()));  // the last step may end a moment before
     save(trainer);
     ordered_json end{{"event", "end"}, {"step", trainer.steps_done()}, {"stopped", stopped}};
@@ -359,11 +407,20 @@ class TrainingRun {
     return result;
   }
 
+  // Ranks that took other steps than each other would have trained nothing.
+  std::string fingerprint_of(Trainer& trainer) const {
+    if (ranks_.count() == 1) return "";
+    uint64_t hash = 0xcbf29ce484222325ull;  // FNV-1a
+    for (const std::byte byte : trainer.checkpoint().at("optimizer.parameters").data) hash = (hash ^ uint64_t(byte)) * 0x100000001b3ull;
+    return fmt::format("{:016x}", hash);
+  }
+
   Device& device_;
   const Capture& capture_;
   const TrainingSettings& settings_;
   const RunConfig& config_;
   const RunOptions& options_;
+  const Ranks& ranks_;
   const std::function<bool(const RunEvent&)>& listen_;
   RunFolder folder_;
   Pace pace_;

@@ -18,6 +18,9 @@ struct RunOptions {
   std::vector<double> keep_minutes;  // of training, the start included, after which an avatar is kept (RunFolder::kept_file)
   std::filesystem::path from;  // with resume: go on from this checkpoint, or repeat this failed step, instead of the newest checkpoint
   uint64_t stop_at = 0;  // steps done in all, at which the run stops as if asked to; 0: never
+  // That train together; run_training is then collective. The first one alone writes, is listened to and stops the run; with
+  // resume the others read its checkpoint. All must have the same version, kind of device, capture and config.
+  Ranks ranks;
   // From when this call's share of settings.minutes counts.
   std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();
 };
@@ -58,7 +61,7 @@ struct RunResult {
 // step. `listen` returns false to stop: the run then leaves a checkpoint and the avatar, or, in the template fit of a
 // new run, nothing. A run of so many steps ends with the same bits whether it was interrupted and resumed or not.
 // Throws InputError where the folder does not fit (RunFolder), or the capture turns out bad; std::runtime_error where
-// training fails, whose text then names the checkpoint to go on from. What was written before stays; a new run that fails before its first
+// training fails, whose text then names the checkpoint to go on from, also where a rank has died. What was written before stays; a new run that fails before its first
 // step leaves nothing. Where a number of a step is bad (BadValueError), RunFolder::failure_file is left, and the error says so.
 RunResult run_training(Device& device, const Capture& capture, const RunConfig& config, const RunOptions& options,
                        const std::function<bool(const RunEvent&)>& listen = {});

@@ -1,0 +1,287 @@
+#include "host/training/ranks.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <thread>
+
+#include "host/input_error.h"
+#ifdef ARAH_MPI
+#include <mpi.h>
+#endif
+
+namespace arah {
+namespace {
+
+Ranks::Part part_of(uint64_t count, uint64_t unit, uint64_t rank, uint64_t ranks) {
+  const uint64_t units = (count + unit - 1) / unit;
+  const auto at = [&](uint64_t r) { return static_cast<uint32_t>(std::min(count, units * r / ranks * unit)); };
+  return {at(rank), at(rank + 1)};
+}
+
+}  // namespace
+
+Ranks::Part Ranks::part(uint32_t count, uint32_t unit) const { return part_of(count, unit, rank_, count_); }
+
+uint64_t Ranks::before(uint64_t own) const {
+  std::vector<double> all(count_, 0.0);
+  all[rank_] = static_cast<double>(own);
+  sum(all);
+  double sum_before = 0;
+  for (uint32_t r = 0; r < rank_; ++r) sum_before += all[r];
+  return static_cast<uint64_t>(sum_before);
+}
+
+uint64_t Ranks::broadcast(uint64_t number) const {
+  std::string text = std::to_string(number);
+  broadcast(text);
+  return std::strtoull(text.c_str(), nullptr, 10);
+}
+
+void Ranks::agree(const std::map<std::string, std::string>& facts) const {
+  if (count_ == 1) return;
+  const std::vector<std::string> all = gather(nlohmann::json(facts).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  const auto first = nlohmann::json::parse(all[0]);
+  for (uint32_t r = 1; r < count_; ++r) {
+    const auto other = nlohmann::json::parse(all[r]);
+    for (const auto& [some, more] : {std::pair{&first, &other}, {&other, &first}})
+      for (const auto& [name, value] : some->items()) {
+        if (more->contains(name) && (*more)[name] == value) continue;
+        const auto text = [&, key = name](const nlohmann::json& of) { return of.contains(key) ? of[key].get<std::string>() : std::string("nothing"); };
+        throw InputError(fmt::format("rank {}", r), name, fmt::format("what rank 0 has, {}", text(first)), text(other), "Start all ranks with the same program, files and options.");
+      }
+  }
+}
+
+#ifdef ARAH_MPI
+
+namespace {
+
+const MPI_Comm everyone = MPI_COMM_WORLD;
+// Numbers that are exchanged together, so that the room for them stays small beside a large avatar's: 64 MiB of floats.
+constexpr std::size_t numbers_at_a_time = std::size_t{1} << 24;
+
+// Variables that launchers set for each process: Open MPI, PMIx (Slurm), MPICH.
+bool launched() {
+  for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_SIZE"})
+    if (std::getenv(name)) return true;
+  return false;
+}
+
+bool joined = false;
+std::vector<int64_t> processes;  // by rank: its id; 0: on another machine
+
+void refuse(int code, const char* call) {
+  if (code != MPI_SUCCESS) throw std::runtime_error(fmt::format("{}: MPI error {}", call, code));
+}
+
+// The rank on this machine whose process is gone; -1: none.
+int gone() {
+  for (std::size_t r = 0; r < processes.size(); ++r)
+    if (processes[r] && ::kill(static_cast<pid_t>(processes[r]), 0) != 0 && errno == ESRCH) return static_cast<int>(r);
+  return -1;
+}
+
+// MPI's own waiting keeps a core busy, which a CPU device wants, and never ends where a rank has died.
+void wait_for(MPI_Request& request) {
+  using namespace std::chrono_literals;
+  const auto done = [&] {
+    int yes = 0;
+    refuse(MPI_Test(&request, &yes, MPI_STATUS_IGNORE), "MPI_Test");
+    return yes != 0;
+  };
+  for (int tries = 0; tries < 1000; ++tries)
+    if (done()) return;
+  for (uint64_t tries = 1;; ++tries) {
+    std::this_thread::sleep_for(50us);
+    if (done()) return;
+    if (tries % 1000) continue;
+    const int rank = gone();
+    if (rank < 0) continue;
+    // What it sent before its end may still be on its way.
+    for (int more = 0; more < 1000; ++more) {
+      std::this_thread::sleep_for(50us);
+      if (done()) return;
+    }
+    throw std::runtime_error(fmt::format("rank {} of {} (process {}) has died", rank, processes.size(), processes[static_cast<std::size_t>(rank)]));
+  }
+}
+
+template <typename Number>
+void sum_in_order(std::span<Number> values, MPI_Datatype type, uint32_t rank, uint32_t ranks) {
+  for (std::size_t first = 0; first < values.size(); first += numbers_at_a_time) {
+    const std::span<Number> some = values.subspan(first, std::min(numbers_at_a_time, values.size() - first));
+    // Rank r adds up part r, of which it gets everyone's.
+    std::vector<int> counts, begins;
+    for (uint32_t r = 0; r < ranks; ++r) {
+      const Ranks::Part part = part_of(some.size(), 1, r, ranks);
+      counts.push_back(static_cast<int>(part.size()));
+      begins.push_back(static_cast<int>(part.begin));
+    }
+    const std::size_t own = static_cast<std::size_t>(counts[rank]);
+    const std::vector<int> own_counts(ranks, counts[rank]);
+    std::vector<int> own_begins;
+    for (uint32_t r = 0; r < ranks; ++r) own_begins.push_back(static_cast<int>(r) * counts[rank]);
+    std::vector<Number> all(ranks * own);
+    MPI_Request request;
+    refuse(MPI_Ialltoallv(some.data(), counts.data(), begins.data(), type, all.data(), own_counts.data(), own_begins.data(), type, everyone, &request), "MPI_Ialltoallv");
+    wait_for(request);
+    for (uint32_t r = 1; r < ranks; ++r)
+      for (std::size_t i = 0; i < own; ++i) all[i] += all[r * own + i];
+    refuse(MPI_Iallgatherv(all.data(), counts[rank], type, some.data(), counts.data(), begins.data(), type, everyone, &request), "MPI_Iallgatherv");
+    wait_for(request);
+  }
+}
+
+}  // namespace
+
+const Ranks& Ranks::of_process() {
+  static const Ranks ranks = [] {
+    Ranks result;
+    if (!launched()) return result;
+    int level = 0, rank = 0, count = 1, on_machine = 0;
+    refuse(MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &level), "MPI_Init_thread");
+    joined = true;
+    refuse(MPI_Comm_rank(everyone, &rank), "MPI_Comm_rank");
+    refuse(MPI_Comm_size(everyone, &count), "MPI_Comm_size");
+    MPI_Comm machine;
+    refuse(MPI_Comm_split_type(everyone, MPI_COMM_TYPE_SHARED, rank, MPI_INFO_NULL, &machine), "MPI_Comm_split_type");
+    refuse(MPI_Comm_rank(machine, &on_machine), "MPI_Comm_rank");
+    // (rank, process) of this machine's.
+    int here = 1;
+    refuse(MPI_Comm_size(machine, &here), "MPI_Comm_size");
+    const int64_t own[2]{rank, ::getpid()};
+    std::vector<int64_t> all(2 * static_cast<std::size_t>(here));
+    refuse(MPI_Allgather(own, 2, MPI_INT64_T, all.data(), 2, MPI_INT64_T, machine), "MPI_Allgather");
+    processes.assign(static_cast<std::size_t>(count), 0);
+    for (std::size_t i = 0; i < all.size(); i += 2) processes[static_cast<std::size_t>(all[i])] = all[i + 1];
+    MPI_Comm_free(&machine);
+    result.rank_ = static_cast<uint32_t>(rank);
+    result.count_ = static_cast<uint32_t>(count);
+    result.on_machine_ = static_cast<uint32_t>(on_machine);
+    return result;
+  }();
+  return ranks;
+}
+
+int Ranks::leave(int code) {
+  if (!joined) return code;
+  if (code != 0 && processes.size() > 1) MPI_Abort(everyone, code);
+  of_process().wait_for_all();
+  MPI_Finalize();
+  return code;
+}
+
+void Ranks::sum(std::span<float> values) const {
+  if (count_ > 1) sum_in_order(values, MPI_FLOAT, rank_, count_);
+}
+void Ranks::sum(std::span<double> values) const {
+  if (count_ > 1) sum_in_order(values, MPI_DOUBLE, rank_, count_);
+}
+void Ranks::sum(std::span<uint32_t> values) const {
+  if (count_ > 1) sum_in_order(values, MPI_UINT32_T, rank_, count_);
+}
+
+void Ranks::broadcast(std::string& bytes) const {
+  if (count_ == 1) return;
+  uint64_t size = bytes.size();
+  MPI_Request request;
+  refuse(MPI_Ibcast(&size, 1, MPI_UINT64_T, 0, everyone, &request), "MPI_Ibcast");
+  wait_for(request);
+  bytes.resize(size);
+  for (std::size_t first = 0; first < size; first += numbers_at_a_time) {
+    refuse(MPI_Ibcast(bytes.data() + first, static_cast<int>(std::min(numbers_at_a_time, bytes.size() - first)), MPI_CHAR, 0, everyone, &request), "MPI_Ibcast");
+    wait_for(request);
+  }
+}
+
+std::vector<std::string> Ranks::gather(const std::string& bytes) const {
+  if (count_ == 1) return {bytes};
+  int size = static_cast<int>(bytes.size());
+  std::vector<int> sizes(count_), begins;
+  MPI_Request request;
+  refuse(MPI_Iallgather(&size, 1, MPI_INT, sizes.data(), 1, MPI_INT, everyone, &request), "MPI_Iallgather");
+  wait_for(request);
+  int sum_of_sizes = 0;
+  for (const int some : sizes) begins.push_back(sum_of_sizes), sum_of_sizes += some;
+  std::string all(static_cast<std::size_t>(sum_of_sizes), '\0');
+  refuse(MPI_Iallgatherv(bytes.data(), size, MPI_CHAR, all.data(), sizes.data(), begins.data(), MPI_CHAR, everyone, &request), "MPI_Iallgatherv");
+  wait_for(request);
+  std::vector<std::string> result;
+  for (uint32_t r = 0; r < count_; ++r) result.push_back(all.substr(static_cast<std::size_t>(begins[r]), static_cast<std::size_t>(sizes[r])));
+  return result;
+}
+
+void Ranks::wait_for_all() const {
+  if (count_ == 1) return;
+  MPI_Request request;
+  refuse(MPI_Ibarrier(everyone, &request), "MPI_Ibarrier");
+  wait_for(request);
+}
+
+bool Ranks::share(uint64_t count, const std::function<bool(uint64_t)>& work) const {
+  if (count_ == 1) {
+    for (uint64_t number = 0; number < count; ++number)
+      if (!work(number)) return false;
+    return true;
+  }
+  // The next number lies with the first rank, and whoever is free takes it from there.
+  uint64_t* next = nullptr;
+  MPI_Win window;
+  refuse(MPI_Win_allocate(first() ? sizeof *next : 0, sizeof *next, MPI_INFO_NULL, everyone, &next, &window), "MPI_Win_allocate");
+  if (first()) *next = 0;
+  wait_for_all();
+  const auto take = [&](uint64_t step) {
+    uint64_t number = 0;
+    refuse(MPI_Win_lock(MPI_LOCK_SHARED, 0, 0, window), "MPI_Win_lock");
+    refuse(MPI_Fetch_and_op(&step, &number, MPI_UINT64_T, 0, 0, MPI_SUM, window), "MPI_Fetch_and_op");
+    refuse(MPI_Win_unlock(0, window), "MPI_Win_unlock");
+    return number;
+  };
+  double stopped = 0;
+  for (uint64_t number = take(1); number < count; number = take(1)) {
+    if (work(number)) continue;
+    stopped = 1;
+    take(count);
+    break;
+  }
+  sum(std::span(&stopped, 1));
+  MPI_Win_free(&window);
+  return stopped == 0;
+}
+
+#else
+
+const Ranks& Ranks::of_process() {
+  static const Ranks ranks;
+  for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"}) {
+    const char* size = std::getenv(name);
+    if (size && std::atoi(size) > 1) throw InputError("mpirun", "", "a build with MPI", "one without", "Install libopenmpi-dev and build again.");
+  }
+  return ranks;
+}
+
+int Ranks::leave(int code) { return code; }
+void Ranks::sum(std::span<float>) const {}
+void Ranks::sum(std::span<double>) const {}
+void Ranks::sum(std::span<uint32_t>) const {}
+void Ranks::broadcast(std::string&) const {}
+std::vector<std::string> Ranks::gather(const std::string& bytes) const { return {bytes}; }
+void Ranks::wait_for_all() const {}
+
+bool Ranks::share(uint64_t count, const std::function<bool(uint64_t)>& work) const {
+  for (uint64_t number = 0; number < count; ++number)
+    if (!work(number)) return false;
+  return true;
+}
+
+#endif
+
+}  // namespace arah

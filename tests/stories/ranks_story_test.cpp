@@ -1,0 +1,226 @@
+// Several ranks, as a user starts them: mpirun -n 2 arah train ... and animate. What they make is what one makes, and one that dies is
+// named and costs no more than the steps since the last checkpoint.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <thread>
+
+#include "host/avatar/avatar_file.h"
+#include "host/training/run_folder.h"
+#include "tests/host/body/rigs.h"
+#include "tests/stories/program.h"
+
+namespace arah {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+
+class RanksStory : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    const Outcome made = Program({"synth", at("capture"), "--frames", "4", "--size", "64"}, folder_->path()).wait();
+    ASSERT_EQ(made.code, 0) << made.errors;
+  }
+  static void TearDownTestSuite() {
+    delete folder_;
+    folder_ = nullptr;
+  }
+  void SetUp() override {
+    if (!ARAH_WITH_MPI) GTEST_SKIP() << "built without MPI";
+    if (std::system("command -v mpirun >/dev/null") != 0) GTEST_SKIP() << "mpirun is not installed";
+  }
+
+  static std::string at(const std::string& name) { return (*folder_ / name).string(); }
+  // mpirun with these words: "-n", "2", ARAH_PROGRAM, "train", ...
+  static std::function<void()> mpirun(const std::vector<std::string>& words) {
+    return [words] {
+      ::setenv("LP_NUM_THREADS", "1", 1);  // each rank its core
+      std::vector<std::string> all{"mpirun", "--allow-run-as-root", "--oversubscribe"};
+      all.insert(all.end(), words.begin(), words.end());
+      std::vector<char*> arguments;
+      for (std::string& word : all) arguments.push_back(word.data());
+      arguments.push_back(nullptr);
+      ::execvp("mpirun", arguments.data());
+      ::_exit(127);
+    };
+  }
+  static std::vector<std::string> on(int ranks, const std::vector<std::string>& words) {
+    std::vector<std::string> all{"-n", std::to_string(ranks), ARAH_PROGRAM};
+    all.insert(all.end(), words.begin(), words.end());
+    return all;
+  }
+  // One rank is the program itself.
+  static Outcome arah(int ranks, const std::vector<std::string>& words) {
+    return (ranks == 1 ? Program(words, folder_->path()) : Program({}, folder_->path(), mpirun(on(ranks, words)))).wait();
+  }
+
+  // From the first step on with everything that training learns: poses and shape too, rays by importance, a skinning network.
+  static std::vector<std::string> training(const std::string& run, uint64_t steps, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> words{"train", at("capture"), "-o", at(run), "--steps", std::to_string(steps)};
+    std::vector<std::string> settings{"rays=192", "fit_steps=40", "fit_skinning_steps=20", "checkpoint_minutes=1e-6", "pictures_per_frame=2", "pose_refinement=true", "poses_every=1", "ray_importance=0.5"};
+    for (const char* group : {"sdf", "mapping", "skinning", "pose_code", "low_rank", "deviation", "poses"})
+      for (const char* zero : {"freeze", "warm_up"}) settings.push_back(fmt::format("{}.{}=0", group, zero));
+    settings.push_back("color.warm_up=0");
+    settings.insert(settings.end(), more.begin(), more.end());
+    for (const std::string& setting : settings) words.insert(words.end(), {"--set", setting});
+    return words;
+  }
+  static SafetensorsFile checkpoint(const std::string& run, uint64_t step) { return read_safetensors(at(fmt::format("{}/checkpoints/step_{:08}.safetensors", run, step))); }
+
+  // |a - b| / |b|, Euclidean.
+  static double difference(const std::vector<double>& a, const std::vector<double>& b) {
+    double apart = 0, size = 0;
+    for (size_t i = 0; i < b.size(); ++i) apart += (a.at(i) - b[i]) * (a.at(i) - b[i]), size += b[i] * b[i];
+    return std::sqrt(apart / size);
+  }
+
+  static TemporaryFolder* folder_;
+};
+
+TemporaryFolder* RanksStory::folder_ = nullptr;
+
+TEST_F(RanksStory, TrainAsOneRankDoesWithinTheSumsRounding) {
+  for (const int ranks : {1, 2, 3}) {
+    const Outcome trained = arah(ranks, training(fmt::format("of_{}", ranks), 1));
+    ASSERT_EQ(trained.code, 0) << trained.errors;
+  }
+  // After one step Adam's first moments are a tenth of the gradients.
+  const SafetensorsFile one = checkpoint("of_1", 1);
+  const double loss = logged_steps(RunFolder(at("of_1"))).at(0).total, color = logged_steps(RunFolder(at("of_1"))).at(0).color;
+  for (const int ranks : {2, 3}) {
+    const std::string run = fmt::format("of_{}", ranks);
+    const SafetensorsFile several = checkpoint(run, 1);
+    const LoggedStep step = logged_steps(RunFolder(at(run))).at(0);
+    EXPECT_NEAR(step.total, loss, 2e-6 * loss);
+    EXPECT_NEAR(step.color, color, 2e-6 * color);
+    for (const char* moments : {"optimizer.first_moments", "optimizer.pose_first_moments"}) {
+      const double apart = difference(several.at(moments).as<double>(), one.at(moments).as<double>());
+      std::printf("  %d ranks: loss %.3g of it apart, %s %.3g\n", ranks, std::abs(step.total - loss) / loss, moments, apart);
+      EXPECT_LT(apart, 2e-5) << moments;
+    }
+    // As many places in pictures were seen, and with the same errors but for rounding.
+    EXPECT_LT(difference(several.at("training.ray_importance").as<double>(), one.at("training.ray_importance").as<double>()), 1e-5);
+  }
+}
+
+TEST_F(RanksStory, RepeatBitForBitAndGoOnAsAnotherNumber) {
+  for (const char* run : {"first", "second"}) {
+    const Outcome trained = arah(2, training(run, 6));
+    ASSERT_EQ(trained.code, 0) << trained.errors;
+  }
+  EXPECT_TRUE(read_all(at("first/avatar.safetensors")) == read_all(at("second/avatar.safetensors")));
+
+  std::vector<std::string> half = training("half", 6);
+  half.insert(half.end(), {"--stop-at", "3"});
+  EXPECT_NE(arah(2, half).code, 0);
+  for (const char* run : {"on_one", "on_two", "on_three"}) fs::copy(at("half"), at(run), fs::copy_options::recursive);
+  for (const auto& [run, ranks] : {std::pair{"on_one", 1}, {"on_two", 2}, {"on_three", 3}}) {
+    const Outcome resumed = arah(ranks, {"train", at("capture"), "-o", at(run), "--resume"});
+    ASSERT_EQ(resumed.code, 0) << resumed.errors;
+    EXPECT_EQ(load_avatar(at(std::string(run) + "/avatar.safetensors")).steps, 6u);
+  }
+  EXPECT_TRUE(read_all(at("on_two/avatar.safetensors")) == read_all(at("first/avatar.safetensors"))) << "interrupted or not";
+  const auto parameters = [&](const std::string& run) { return checkpoint(run, 6).at("optimizer.parameters").as<double>(); };
+  for (const char* run : {"on_one", "on_three"}) {
+    const double apart = difference(parameters(run), parameters("first"));
+    std::printf("  %s from step 3 to 6: parameters %.3g apart\n", run, apart);
+    EXPECT_LT(apart, 1e-4);
+  }
+}
+
+TEST_F(RanksStory, SurfaceRenderingToo) {
+  for (const int ranks : {1, 2}) {
+    const Outcome trained = arah(ranks, training(fmt::format("surface_{}", ranks), 1, {"rendering=surface", "alpha_weight=0", "pose_refinement=false"}));
+    ASSERT_EQ(trained.code, 0) << trained.errors;
+  }
+  const double apart = difference(checkpoint("surface_2", 1).at("optimizer.first_moments").as<double>(), checkpoint("surface_1", 1).at("optimizer.first_moments").as<double>());
+  std::printf("  surface rendering: first moments %.3g apart\n", apart);
+  EXPECT_LT(apart, 2e-5);
+}
+
+TEST_F(RanksStory, RanksThatWouldNotTrainTheSameAreRefused) {
+  std::vector<std::string> words = on(1, training("mixed", 2, {"eikonal_points=64"})), other = on(1, training("mixed", 2, {"eikonal_points=65"}));
+  words.push_back(":");
+  words.insert(words.end(), other.begin(), other.end());
+  const Outcome mixed = Program({}, folder_->path(), mpirun(words)).wait();
+  EXPECT_EQ(mixed.code, 2) << mixed.errors;
+  EXPECT_THAT(mixed.errors, HasSubstr("arah (rank 0 of 2): rank 1: setting eikonal_points: expected what rank 0 has, 64, found 65."));
+  EXPECT_FALSE(fs::exists(at("mixed")));
+
+  const Outcome few = arah(3, training("few", 2, {"rays=128"}));
+  EXPECT_EQ(few.code, 2) << few.errors;
+  EXPECT_THAT(few.errors, HasSubstr("training on 3 ranks: rays: expected at least 129, found 128."));
+  EXPECT_FALSE(fs::exists(at("few")));
+
+  const Outcome export_of_two = arah(2, {"export", at("first"), "-o", at("person.glb")});
+  EXPECT_EQ(export_of_two.code, 2) << export_of_two.errors;
+  EXPECT_THAT(export_of_two.errors, HasSubstr("to be called without mpirun"));
+}
+
+// The process that is that rank of that run: by what mpirun tells it.
+pid_t process_of(const std::string& rank, const std::string& run) {
+  for (const auto& entry : fs::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename().string();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    const std::string words = read_all(entry.path() / "cmdline"), environment = read_all(entry.path() / "environ");
+    if (words.starts_with(ARAH_PROGRAM) && words.find(run) != std::string::npos && environment.find("OMPI_COMM_WORLD_RANK=" + rank + '\0') != std::string::npos) return std::atoi(name.c_str());
+  }
+  return 0;
+}
+
+TEST_F(RanksStory, OneThatDiesIsNamedAndTheLastCheckpointOpens) {
+  for (const char* rank : {"1", "0"}) {
+    const std::string run = std::string("dies_") + rank;
+    Program program({}, folder_->path(), mpirun(on(2, training(run, 100000))));
+    const auto some = [&] { return fs::exists(at(run + "/checkpoints/step_00000003.safetensors")); };
+    while (program.running() && !some()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    const pid_t process = process_of(rank, at(run));
+    ASSERT_GT(process, 0);
+    ::kill(process, SIGKILL);
+    const Outcome outcome = program.wait();
+    EXPECT_NE(outcome.code, 0);
+    EXPECT_THAT(outcome.errors + outcome.output, HasSubstr(std::string("rank ") + rank)) << "which one";
+    std::printf("  %s\n", outcome.errors.substr(outcome.errors.find(rank == std::string("1") ? "arah (rank" : "rank ")).c_str());
+    std::vector<std::string> damaged;
+    const auto newest = RunFolder(at(run)).newest_checkpoint(&damaged);
+    ASSERT_TRUE(newest);
+    EXPECT_THAT(damaged, testing::IsEmpty());
+    const uint64_t step = avatar_from_tensors(*newest).steps;
+    EXPECT_GE(step, 3u);
+    const Outcome resumed = arah(1, {"train", at("capture"), "-o", at(run), "--resume", "--steps", std::to_string(step + 1)});
+    EXPECT_EQ(resumed.code, 0) << resumed.errors;
+  }
+}
+
+TEST_F(RanksStory, AnimateToTheSamePictures) {
+  ASSERT_EQ(arah(1, training("to_show", 2)).code, 0);
+  for (const int ranks : {1, 2, 3}) {
+    const Outcome made = arah(ranks, {"animate", at("to_show"), "-o", at(fmt::format("turn_{}", ranks)), "--turntable", "--count", "7", "--size", "40"});
+    ASSERT_EQ(made.code, 0) << made.errors;
+    for (int frame = 0; frame < 7; ++frame) {
+      const std::string name = fmt::format("/{:06}.png", frame), picture = read_all(at(fmt::format("turn_{}", ranks)) + name);
+      ASSERT_GT(picture.size(), 100u) << name;
+      EXPECT_TRUE(picture == read_all(at("turn_1") + name)) << ranks << " ranks: " << name;
+    }
+  }
+  // What is missing is made, and a video of it all.
+  fs::remove(at("turn_2/000003.png"));
+  const Outcome again = arah(2, {"animate", at("to_show"), "-o", at("turn_2"), "--turntable", "--count", "7", "--size", "40"});
+  ASSERT_EQ(again.code, 0) << again.errors;
+  EXPECT_TRUE(read_all(at("turn_2/000003.png")) == read_all(at("turn_1/000003.png")));
+  const Outcome video = arah(2, {"animate", at("to_show"), "-o", at("turn.mp4"), "--turntable", "--count", "7", "--size", "40"});
+  ASSERT_EQ(video.code, 0) << video.errors;
+  EXPECT_TRUE(fs::exists(at("turn.mp4")));
+  EXPECT_FALSE(fs::exists(at("turn.mp4.frames")));
+}
+
+}  // namespace
+}  // namespace arah
