@@ -41,6 +41,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kCpuFrame = 0.07, kGpuFrame = 0.012;   // seconds that a moving picture may take
 constexpr double kCpuTick = 1.0 / 20, kGpuTick = 1.0 / 60;  // between frames of the window while something plays
+constexpr double kCpuLeast = 0.02;                      // between any two of them
 constexpr double kVideoRate = 25;                       // frames a second of a video of what is played
 constexpr float kPanelWidth = 300;                      // units of the window
 constexpr std::array<int, 3> kBackground{28, 28, 31};
@@ -102,6 +103,8 @@ class Viewer {
     const Interrupt interrupt;
     while (!window_.closing() && !interrupt.wanted()) {
       window_.wait(due_ > 0 ? 0 : moves() ? (cpu_ ? kCpuTick : kGpuTick) : 0.25);
+      // A mouse tells of itself more often than anyone sees, and on a CPU device each frame of the window takes of the picture's time.
+      while (cpu_ && seconds_between(last_frame_, Clock::now()) < kCpuLeast) window_.wait(kCpuLeast - seconds_between(last_frame_, Clock::now()));
       frame();
     }
     if (options_.measure) {
@@ -367,6 +370,10 @@ class Viewer {
         else if (state_.skeleton) list.AddCircleFilled(in_window(joint.place), 3, color(joint.color));
       }
       if (state_.handles && options_.events) tell_joints(skeleton);
+    }
+    if (state_.comparison.mode == ComparisonMode::split && !state_.camera.empty() && state_.layer == to_string(PictureLayer::color)) {
+      const double x = state_.comparison.position * camera_.width - 0.5;
+      list.AddLine(in_window({x, -0.5}), in_window({x, camera_.height - 0.5}), IM_COL32(255, 255, 255, 160));
     }
     const auto corner = [&](float y, const std::string& text, ImU32 ink) {
       const ImVec2 at{static_cast<float>(room_.x / unit()) + 8, y};
