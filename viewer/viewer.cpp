@@ -428,9 +428,10 @@ class Viewer {
     std::optional<DrawnPicture> fresh;
     try {
       fresh = worker_->take();
-    } catch (const InputError& error) {  // knobs that do not go together
+    } catch (const InputError& error) {  // knobs that do not go together, or a layer that this avatar does not have
       message_ = error.what();
       state_.knobs.clear();
+      if (needs_renderer(layer_named(state_.layer))) state_.layer = to_string(PictureLayer::color);
       tell({{"event", "error"}, {"text", message_}});
     }
     if (!fresh) return;
