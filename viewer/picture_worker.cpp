@@ -257,9 +257,9 @@ void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
     }
     last_pose_.reset();
   }
-  if (!moving_) moving_ = std::make_unique<MovingQuality>(*avatar_, frame_seconds_, order.finest);
+  if (!moving_) moving_ = std::make_unique<MovingQuality>(*avatar_, frame_seconds_);
   say("drawing");
-  const Quality quality = moving_->choose(double(order.camera.width) * order.camera.height, last_pose_ != order.pose);
+  const Quality quality = moving_->choose(double(order.camera.width) * order.camera.height, last_pose_ != order.pose, order.finest);
   DrawnPicture drawn;
   drawn.order = number;
   drawn.avatar = avatar_;
