@@ -153,9 +153,9 @@ std::vector<Wish> Panels::draw(ViewState& state, const PanelFacts& facts, float 
     note("Pose and shape");
     if (open) pose(state);
   }
-  const bool open = ImGui::CollapsingHeader("Quality");
+  shows_stages_ = ImGui::CollapsingHeader("Quality");
   note("Quality");
-  if (open) quality(state, facts);
+  if (shows_stages_) quality(state, facts);
   if (ImGui::CollapsingHeader("Keep", ImGuiTreeNodeFlags_DefaultOpen)) keep(facts, wishes);
   ImGui::PopItemWidth();
   ImGui::Separator();

@@ -230,6 +230,7 @@ std::shared_ptr<const LayerImage> PictureWorker::layer_of(Renderer& renderer, co
 
 void PictureWorker::draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress, DrawnPicture& drawn) {
   Drawer& drawer = drawer_for(settings_for(order, quality));
+  device_.profiler().enabled = order.profile && device_.report().timestamp_period_ns > 0;
   device_.profiler().reset();
   const int columns = std::max(1, (order.camera.width + quality.pixel_step - 1) / quality.pixel_step);
   const Camera camera = quality.pixel_step == 1 ? order.camera : order.camera.scaled(columns);

@@ -43,6 +43,7 @@ constexpr double kCpuFrame = 0.07, kGpuFrame = 0.012;   // seconds that a moving
 constexpr double kCpuTick = 1.0 / 20, kGpuTick = 1.0 / 60;  // between frames of the window while something plays
 constexpr double kCpuLeast = 0.02;                      // between any two of them
 constexpr double kVideoRate = 25;                       // frames a second of a video of what is played
+constexpr const char* kStages = "stages";                // what --measure does at last
 constexpr float kPanelWidth = 300;                      // units of the window
 constexpr std::array<int, 3> kBackground{28, 28, 31};
 
@@ -295,23 +296,20 @@ class Viewer {
     }
   }
 
-  // Half of the time a hand that turns the person steadily; then, where there is a motion, it plays; then rest.
+  // Two fifths of the time a hand that turns the person steadily, two fifths, where there is a motion, it plays; one fifth turns with times by stage, whose
+  // taking costs time itself; then rest.
   void measure() {
     if (!first_picture_) return;
     due_ = std::max(due_, 1);
-    const double seconds = seconds_between(*first_picture_, Clock::now());
+    const double seconds = seconds_between(*first_picture_, Clock::now()), part = seconds / *options_.measure;
     const bool plays = scene_.motion().frames.size() > 1 && scene_.posable();
-    if (seconds < *options_.measure) {
-      const bool turning = !plays || seconds < 0.5 * *options_.measure;
-      measured_ = turning ? "turning" : "playing";
-      if (turning) state_.viewpoint.yaw = std::remainder(2 * std::numbers::pi * seconds / 5, 2 * std::numbers::pi);
-      else if (!state_.timeline.playing) state_.timeline = played(state_.timeline, scene_.motion());
-      return;
-    }
-    state_.timeline.playing = false;
-    if (measured_ != "rest") asked_.clear();
-    measured_ = "rest";
-    if (drawn_ && drawn_->finest && drawn_->order == newest_) {
+    const std::string now = part >= 1 ? "rest" : part >= 0.8 ? kStages : plays && part >= 0.4 ? "playing" : "turning";
+    if (now != measured_) asked_.clear();  // what is under way belongs to neither
+    measured_ = now;
+    if (measured_ == "playing" && !state_.timeline.playing) state_.timeline = played(state_.timeline, scene_.motion());
+    if (measured_ != "playing") state_.timeline.playing = false;
+    if (measured_ == "turning" || measured_ == kStages) state_.viewpoint.yaw = std::remainder(2 * std::numbers::pi * seconds / 5, 2 * std::numbers::pi);
+    if (measured_ == "rest" && drawn_ && drawn_->finest && drawn_->order == newest_) {
       times_.add("rest to the finest picture", 1000 * seconds_between(last_order_, Clock::now()));
       window_.close();
     }
@@ -415,6 +413,7 @@ class Viewer {
   void order(Clock::time_point woke) {
     if (room_.width < 1 || room_.height < 1) return;
     PictureOrder wanted = scene_.order(state_, room_.width, room_.height);
+    wanted.profile = panels_.shows_stages() || measured_ == kStages;
     if (ordered_ && *ordered_ == wanted) return;
     newest_ = worker_->order(wanted);
     if (drawn_) orders_.erase(orders_.begin(), orders_.lower_bound(drawn_->order));
@@ -437,7 +436,7 @@ class Viewer {
     if (!fresh) return;
     due_ = std::max(due_, 2);
     if (fresh->part == 1) {
-      times_.add(fmt::format("picture {}", to_string(fresh->quality)), 1000 * fresh->seconds);
+      times_.add(fmt::format("picture {}{}", to_string(fresh->quality), fresh->stages.empty() ? "" : ", by stage"), 1000 * fresh->seconds);
       for (const auto& [stage, time] : fresh->stages) times_.add(fmt::format("  {}: {}", to_string(fresh->quality), stage.empty() ? "other" : stage), time);
     }
     if (!first_picture_) {
@@ -486,7 +485,7 @@ class Viewer {
   // Orders that the picture on the screen answers.
   void answered() {
     while (drawn_ && !asked_.empty() && asked_.front().first <= drawn_->order) {
-      if (!measured_.empty()) times_.add(fmt::format("input to picture on the screen, {}", measured_), 1000 * seconds_between(asked_.front().second, Clock::now()));
+      if (!measured_.empty() && measured_ != kStages) times_.add(fmt::format("input to picture on the screen, {}", measured_), 1000 * seconds_between(asked_.front().second, Clock::now()));
       asked_.pop_front();
     }
   }
@@ -561,7 +560,6 @@ int view(const ViewerOptions& given) {
   Window window("arah " + options.avatar.filename().string(), state.window_width, state.window_height);
   DeviceOptions device_options = options.device;
   device_options.window_extensions = window.vulkan_extensions();
-  device_options.profile = true;
   Device device(device_options);
   return Viewer(options, window, device, avatar, state).run();
 }
