@@ -401,7 +401,7 @@ TEST_F(WindowTest, MeasuresItself) {
   std::fputs(outcome.output.substr(outcome.output.find("milliseconds"), 2000).c_str(), stdout);
 }
 
-TEST(WindowlessTest, WithoutADisplayItSaysWhatToDo) {
+TEST(WindowlessTest, WithoutADisplayItGivesAdvice) {
   const fs::path own = fs::temp_directory_path() / fmt::format("arah_windowless_{}", ::getpid());
   fs::create_directories(own);
   save_avatar(own / "any.safetensors", make_avatar(small_paper_spec(), capsule_body(), {0, 7}, 5));
