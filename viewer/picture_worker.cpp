@@ -289,6 +289,8 @@ void PictureWorker::refine(const PictureOrder& order, uint64_t number) {
     drawn.quality = steps[i];
     const auto progress = [&](const PictureSoFar& so_far) {
       if (superseded(number)) return false;
+      // With the knob pixel_step what there is so far is smaller: its rows are not the last picture's.
+      if (last && (so_far.picture.width != last->width || so_far.picture.height != last->height)) return true;
       if (!last || needs_renderer(order.layer) || so_far.rows == 0 || Clock::now() - told < kBetweenParts) return true;
       told = Clock::now();
       Picture mixed = *last;
