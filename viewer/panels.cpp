@@ -153,9 +153,9 @@ std::vector<Wish> Panels::draw(ViewState& state, const PanelFacts& facts, float 
     note("Pose and shape");
     if (open) pose(state);
   }
-  const bool open = ImGui::CollapsingHeader("Quality");
+  shows_stages_ = ImGui::CollapsingHeader("Quality");
   note("Quality");
-  if (open) quality(state, facts);
+  if (shows_stages_) quality(state, facts);
   if (ImGui::CollapsingHeader("Keep", ImGuiTreeNodeFlags_DefaultOpen)) keep(facts, wishes);
   ImGui::PopItemWidth();
   ImGui::Separator();
@@ -270,6 +270,7 @@ void Panels::pose(ViewState& state) {
   for (int axis = 0; axis < 3; ++axis) {
     const std::array<const char*, 3> names{"x", "y", "z"};
     auto degrees = static_cast<float>(angles[axis]) * kDegrees;
+    if (std::abs(degrees) < 0.5f) degrees = 0;  // not "-0"
     const float most = axis == 1 ? 90.0f : 180.0f;
     if (ImGui::SliderFloat(names[static_cast<size_t>(axis)], &degrees, -most, most, "%.0f deg")) angles[axis] = double(degrees / kDegrees), moved = true;
     note(names[static_cast<size_t>(axis)]);

@@ -36,7 +36,7 @@ class Panels {
   // What a key does to the state. Nothing while a text is typed.
   std::vector<Wish> key(ViewState& state, const KeyPress& press);
 
-  bool shows_keys() const { return shows_keys_; }
+  bool shows_stages() const { return shows_stages_; }  // the times of DrawnPicture::stages
   // Where the widgets of the last draw() are, by the words on them: their middle, ImGui's units. For tests that use a real hand.
   const std::map<std::string, std::pair<float, float>>& places() const { return places_; }
 
@@ -53,7 +53,7 @@ class Panels {
 
   const Scene& scene_;
   EditHistory& edits_;
-  bool shows_keys_ = false;
+  bool shows_keys_ = false, shows_stages_ = false;
   std::map<std::string, std::pair<float, float>> places_;
   char knob_[160] = "";
   std::string knob_error_;

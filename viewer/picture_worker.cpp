@@ -230,6 +230,7 @@ std::shared_ptr<const LayerImage> PictureWorker::layer_of(Renderer& renderer, co
 
 void PictureWorker::draw(const PictureOrder& order, const Quality& quality, const RenderingProgress& progress, DrawnPicture& drawn) {
   Drawer& drawer = drawer_for(settings_for(order, quality));
+  device_.profiler().enabled = order.profile && device_.report().timestamp_period_ns > 0;
   device_.profiler().reset();
   const int columns = std::max(1, (order.camera.width + quality.pixel_step - 1) / quality.pixel_step);
   const Camera camera = quality.pixel_step == 1 ? order.camera : order.camera.scaled(columns);
@@ -257,9 +258,9 @@ void PictureWorker::serve(const PictureOrder& order, uint64_t number) {
     }
     last_pose_.reset();
   }
-  if (!moving_) moving_ = std::make_unique<MovingQuality>(*avatar_, frame_seconds_, order.finest);
+  if (!moving_) moving_ = std::make_unique<MovingQuality>(*avatar_, frame_seconds_);
   say("drawing");
-  const Quality quality = moving_->choose(double(order.camera.width) * order.camera.height, last_pose_ != order.pose);
+  const Quality quality = moving_->choose(double(order.camera.width) * order.camera.height, last_pose_ != order.pose, order.finest);
   DrawnPicture drawn;
   drawn.order = number;
   drawn.avatar = avatar_;
@@ -288,6 +289,8 @@ void PictureWorker::refine(const PictureOrder& order, uint64_t number) {
     drawn.quality = steps[i];
     const auto progress = [&](const PictureSoFar& so_far) {
       if (superseded(number)) return false;
+      // With the knob pixel_step what there is so far is smaller: its rows are not the last picture's.
+      if (last && (so_far.picture.width != last->width || so_far.picture.height != last->height)) return true;
       if (!last || needs_renderer(order.layer) || so_far.rows == 0 || Clock::now() - told < kBetweenParts) return true;
       told = Clock::now();
       Picture mixed = *last;

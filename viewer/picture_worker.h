@@ -32,6 +32,7 @@ struct PictureOrder {
   double slice = 0;                // of the layer slice: metres from the person's middle towards the camera
   std::string finest = "balanced"; // preset that the picture is refined to at rest
   std::map<std::string, std::string> knobs;  // of that preset, changed (set_render_knob())
+  bool profile = false;            // tell times by stage (DrawnPicture::stages), which on a CPU device makes pictures take up to twice as long
   bool compare_with_exact = false; // at rest, the finest picture is also measured against "paper"
 
   bool operator==(const PictureOrder&) const = default;
@@ -52,7 +53,7 @@ struct DrawnPicture {
   double part = 1;       // of it, 0..1
   bool finest = false;   // nothing finer follows
   double seconds = 0;    // so far
-  std::map<std::string, double> stages;  // milliseconds on the device, where the device profiles
+  std::map<std::string, double> stages;  // milliseconds on the device; with PictureOrder::profile
   std::optional<ExactComparison> exact;
 };
 

@@ -390,7 +390,7 @@ bool Presentation::present(const PicturePlace& place, ImDrawData* panels) {
     blit.srcOffsets[1] = {std::max(1, picture_.width * (right - place.x) / place.width), std::max(1, picture_.height * (bottom - place.y) / place.height), 1};
     blit.dstOffsets[0] = {place.x, place.y, 0};
     blit.dstOffsets[1] = {right, bottom, 1};
-    vkCmdBlitImage(frame.commands, s.picture.image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, target.image, VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, 1, &blit, smooth_ ? VK_FILTER_LINEAR : VK_FILTER_NEAREST);
+    vkCmdBlitImage(frame.commands, s.picture.image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, target.image, VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, 1, &blit, VK_FILTER_LINEAR);
   }
   transition(frame.commands, target.image, VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL, copies, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COLOR_ATTACHMENT_OUTPUT_BIT,
              VK_ACCESS_COLOR_ATTACHMENT_READ_BIT | VK_ACCESS_COLOR_ATTACHMENT_WRITE_BIT);

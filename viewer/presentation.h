@@ -35,10 +35,8 @@ class Presentation {
   Presentation(const Presentation&) = delete;
   Presentation& operator=(const Presentation&) = delete;
 
-  // The picture from now on. An empty one shows the background alone.
+  // The picture from now on; one that is not as large as its place is interpolated. An empty one shows the background alone.
   void set_picture(ScreenPicture picture);
-  // Whether a picture that is not as large as its place is interpolated (true at first) or shown in squares.
-  void set_smooth(bool smooth) { smooth_ = smooth; }
 
   // Draws one frame: false where there is nothing to draw on (a minimised window). A swapchain that was lost or has another
   // size is made anew.
@@ -56,7 +54,6 @@ class Presentation {
   std::unique_ptr<State> state_;
   const Window& window_;
   ScreenPicture picture_;
-  bool smooth_ = true;
   uint64_t picture_number_ = 0;  // counts set_picture()
   uint64_t frames_ = 0, swapchains_ = 0;
 };

@@ -40,11 +40,7 @@ std::vector<Quality> refinement(const Avatar& avatar, const std::string& finest)
   return steps;
 }
 
-MovingQuality::MovingQuality(const Avatar& avatar, double seconds, const std::string& finest) : budget_(seconds), choices_(qualities(avatar)) {
-  const auto first = std::find(choices_.begin(), choices_.end(), Quality{finest, 1});
-  if (first != choices_.end()) choices_.erase(choices_.begin(), first);
-  last_ = choices_.size() - 1;
-}
+MovingQuality::MovingQuality(const Avatar& avatar, double seconds) : budget_(seconds), choices_(qualities(avatar)), last_(choices_.size() - 1) {}
 
 void MovingQuality::took(const Quality& quality, double pixels, bool new_pose, double seconds) {
   Known& known = known_[{quality, new_pose}];
@@ -71,8 +67,9 @@ double MovingQuality::expected(const Quality& quality, double pixels, bool new_p
   return std::numeric_limits<double>::infinity();
 }
 
-Quality MovingQuality::choose(double pixels, bool new_pose) {
-  for (size_t i = 0; i < choices_.size(); ++i) {
+Quality MovingQuality::choose(double pixels, bool new_pose, const std::string& finest) {
+  const auto first = std::find(choices_.begin(), choices_.end(), Quality{finest, 1});
+  for (size_t i = first == choices_.end() ? 0 : static_cast<size_t>(first - choices_.begin()); i < choices_.size(); ++i) {
     const double room = i < last_ ? 0.75 * budget_ : budget_;
     if (expected(choices_[i], pixels, new_pose) <= room || i + 1 == choices_.size()) {
       last_ = i;

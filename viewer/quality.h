@@ -31,17 +31,17 @@ std::vector<Quality> refinement(const Avatar& avatar, const std::string& finest)
 // Chooses from what pictures took so far. Not safe for several threads.
 class MovingQuality {
  public:
-  // seconds: what a picture may take. finest: no finer preset is chosen.
-  MovingQuality(const Avatar& avatar, double seconds, const std::string& finest);
+  // seconds: what a picture may take.
+  MovingQuality(const Avatar& avatar, double seconds);
 
   // pixels: of the whole picture, before pixel_step. new_pose: whether the body moved since the last picture of this quality.
   void took(const Quality& quality, double pixels, bool new_pose, double seconds);
   // The finest quality that is expected to take no more than the budget; the coarsest where none does. Nothing is known at first:
   // the coarsest. What was never tried is expected to take as much longer than the next coarser one as it has more pixels, or four
-  // times as long, about what the step from one preset to the next costs. A finer quality than the last choice must leave a quarter of the budget free.
-  Quality choose(double pixels, bool new_pose);
+  // times as long, about what the step from one preset to the next costs. A finer
+  // quality than the last choice must leave a quarter of the budget free. No finer preset than `finest` is chosen.
+  Quality choose(double pixels, bool new_pose, const std::string& finest);
   double expected(const Quality& quality, double pixels, bool new_pose) const;  // seconds; infinite where nothing is known
-  double budget() const { return budget_; }
 
  private:
   double budget_;

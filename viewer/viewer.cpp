@@ -41,7 +41,9 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kCpuFrame = 0.07, kGpuFrame = 0.012;   // seconds that a moving picture may take
 constexpr double kCpuTick = 1.0 / 20, kGpuTick = 1.0 / 60;  // between frames of the window while something plays
+constexpr double kCpuLeast = 0.02;                      // between any two of them
 constexpr double kVideoRate = 25;                       // frames a second of a video of what is played
+constexpr const char* kStages = "stages";                // what --measure does at last
 constexpr float kPanelWidth = 300;                      // units of the window
 constexpr std::array<int, 3> kBackground{28, 28, 31};
 
@@ -102,6 +104,8 @@ class Viewer {
     const Interrupt interrupt;
     while (!window_.closing() && !interrupt.wanted()) {
       window_.wait(due_ > 0 ? 0 : moves() ? (cpu_ ? kCpuTick : kGpuTick) : 0.25);
+      // A mouse tells of itself more often than anyone sees, and on a CPU device each frame of the window takes of the picture's time.
+      while (cpu_ && seconds_between(last_frame_, Clock::now()) < kCpuLeast) window_.wait(kCpuLeast - seconds_between(last_frame_, Clock::now()));
       frame();
     }
     if (options_.measure) {
@@ -292,23 +296,20 @@ class Viewer {
     }
   }
 
-  // Half of the time a hand that turns the person steadily; then, where there is a motion, it plays; then rest.
+  // Two fifths of the time a hand that turns the person steadily, two fifths, where there is a motion, it plays; one fifth turns with times by stage, whose
+  // taking costs time itself; then rest.
   void measure() {
     if (!first_picture_) return;
     due_ = std::max(due_, 1);
-    const double seconds = seconds_between(*first_picture_, Clock::now());
+    const double seconds = seconds_between(*first_picture_, Clock::now()), part = seconds / *options_.measure;
     const bool plays = scene_.motion().frames.size() > 1 && scene_.posable();
-    if (seconds < *options_.measure) {
-      const bool turning = !plays || seconds < 0.5 * *options_.measure;
-      measured_ = turning ? "turning" : "playing";
-      if (turning) state_.viewpoint.yaw = std::remainder(2 * std::numbers::pi * seconds / 5, 2 * std::numbers::pi);
-      else if (!state_.timeline.playing) state_.timeline = played(state_.timeline, scene_.motion());
-      return;
-    }
-    state_.timeline.playing = false;
-    if (measured_ != "rest") asked_.clear();
-    measured_ = "rest";
-    if (drawn_ && drawn_->finest && drawn_->order == newest_) {
+    const std::string now = part >= 1 ? "rest" : part >= 0.8 ? kStages : plays && part >= 0.4 ? "playing" : "turning";
+    if (now != measured_) asked_.clear();  // what is under way belongs to neither
+    measured_ = now;
+    if (measured_ == "playing" && !state_.timeline.playing) state_.timeline = played(state_.timeline, scene_.motion());
+    if (measured_ != "playing") state_.timeline.playing = false;
+    if (measured_ == "turning" || measured_ == kStages) state_.viewpoint.yaw = std::remainder(2 * std::numbers::pi * seconds / 5, 2 * std::numbers::pi);
+    if (measured_ == "rest" && drawn_ && drawn_->finest && drawn_->order == newest_) {
       times_.add("rest to the finest picture", 1000 * seconds_between(last_order_, Clock::now()));
       window_.close();
     }
@@ -368,6 +369,10 @@ class Viewer {
       }
       if (state_.handles && options_.events) tell_joints(skeleton);
     }
+    if (state_.comparison.mode == ComparisonMode::split && !state_.camera.empty() && state_.layer == to_string(PictureLayer::color)) {
+      const double x = state_.comparison.position * camera_.width - 0.5;
+      list.AddLine(in_window({x, -0.5}), in_window({x, camera_.height - 0.5}), IM_COL32(255, 255, 255, 160));
+    }
     const auto corner = [&](float y, const std::string& text, ImU32 ink) {
       const ImVec2 at{static_cast<float>(room_.x / unit()) + 8, y};
       list.AddText({at.x + 1, at.y + 1}, IM_COL32(0, 0, 0, 200), text.c_str());
@@ -408,6 +413,7 @@ class Viewer {
   void order(Clock::time_point woke) {
     if (room_.width < 1 || room_.height < 1) return;
     PictureOrder wanted = scene_.order(state_, room_.width, room_.height);
+    wanted.profile = panels_.shows_stages() || measured_ == kStages;
     if (ordered_ && *ordered_ == wanted) return;
     newest_ = worker_->order(wanted);
     if (drawn_) orders_.erase(orders_.begin(), orders_.lower_bound(drawn_->order));
@@ -421,15 +427,16 @@ class Viewer {
     std::optional<DrawnPicture> fresh;
     try {
       fresh = worker_->take();
-    } catch (const InputError& error) {  // knobs that do not go together
+    } catch (const InputError& error) {  // knobs that do not go together, or a layer that this avatar does not have
       message_ = error.what();
       state_.knobs.clear();
+      if (needs_renderer(layer_named(state_.layer))) state_.layer = to_string(PictureLayer::color);
       tell({{"event", "error"}, {"text", message_}});
     }
     if (!fresh) return;
     due_ = std::max(due_, 2);
     if (fresh->part == 1) {
-      times_.add(fmt::format("picture {}", to_string(fresh->quality)), 1000 * fresh->seconds);
+      times_.add(fmt::format("picture {}{}", to_string(fresh->quality), fresh->stages.empty() ? "" : ", by stage"), 1000 * fresh->seconds);
       for (const auto& [stage, time] : fresh->stages) times_.add(fmt::format("  {}: {}", to_string(fresh->quality), stage.empty() ? "other" : stage), time);
     }
     if (!first_picture_) {
@@ -478,7 +485,7 @@ class Viewer {
   // Orders that the picture on the screen answers.
   void answered() {
     while (drawn_ && !asked_.empty() && asked_.front().first <= drawn_->order) {
-      if (!measured_.empty()) times_.add(fmt::format("input to picture on the screen, {}", measured_), 1000 * seconds_between(asked_.front().second, Clock::now()));
+      if (!measured_.empty() && measured_ != kStages) times_.add(fmt::format("input to picture on the screen, {}", measured_), 1000 * seconds_between(asked_.front().second, Clock::now()));
       asked_.pop_front();
     }
   }
@@ -553,7 +560,6 @@ int view(const ViewerOptions& given) {
   Window window("arah " + options.avatar.filename().string(), state.window_width, state.window_height);
   DeviceOptions device_options = options.device;
   device_options.window_extensions = window.vulkan_extensions();
-  device_options.profile = true;
   Device device(device_options);
   return Viewer(options, window, device, avatar, state).run();
 }

@@ -71,8 +71,6 @@ double Window::scale() const {
 
 bool Window::closing() const { return glfwWindowShouldClose(handle_); }
 void Window::close() { glfwSetWindowShouldClose(handle_, GLFW_TRUE); }
-void Window::resize(int width, int height) { glfwSetWindowSize(handle_, width, height); }
-void Window::set_title(const std::string& title) { glfwSetWindowTitle(handle_, title.c_str()); }
 void Window::wait(double seconds) const {
   if (seconds > 0) glfwWaitEventsTimeout(seconds);
   else glfwPollEvents();

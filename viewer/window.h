@@ -37,8 +37,6 @@ class Window {
   double scale() const;  // pixels a unit of text and panels: 2 on a screen of twice the usual density
   bool closing() const;
   void close();
-  void resize(int width, int height);
-  void set_title(const std::string& title);
 
   // Those since the last call, in their order: none is lost that came and went between two frames.
   std::vector<KeyPress> take_keys();

@@ -7,7 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <array>
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <cstdlib>
@@ -120,9 +120,27 @@ class ViewerOnDesktop {
   Event wait_for(const std::string& event, double seconds = 120) {
     return wait_for(event, [&](const Event& e) { return e.at("event") == event; }, seconds);
   }
-  // A picture that answers all that the hands did: the last event is the finest picture of the last order.
-  Event wait_for_rest(double seconds = 120) {
-    return wait_for("the finest picture", [&](const Event& e) { return e.at("event") == "picture" && e.at("finest") == true; }, seconds);
+  // Until the picture is as fine as it becomes and stays so for a while. What the hands did last may take a moment to show: a picture that came
+  // since the last wait, or two and a half seconds, are waited for first.
+  void wait_for_rest(double seconds = 120) {
+    using Clock = std::chrono::steady_clock;
+    const auto since = [](Clock::time_point time) { return std::chrono::duration<double>(Clock::now() - time).count(); };
+    const auto is_picture = [](const Event& e) { return e.at("event") == "picture"; };
+    const Clock::time_point start = Clock::now();
+    Clock::time_point last_news = start;
+    size_t known = seen_;
+    for (bool news = false; since(start) < seconds; std::this_thread::sleep_for(std::chrono::milliseconds(20))) {
+      const bool running = program_.running();
+      const std::vector<Event> all = events();
+      for (; known < all.size(); ++known)
+        if (is_picture(all[known])) news = true, last_news = Clock::now();
+      if (!running) throw std::runtime_error("the viewer ended before its picture was at rest: " + program_.wait().errors);
+      const auto last = std::find_if(all.rbegin(), all.rend(), is_picture);
+      if ((!news && since(start) < 2.5) || last == all.rend() || last->at("finest") != true || since(last_news) < 0.8) continue;
+      seen_ = all.size();
+      return;
+    }
+    throw std::runtime_error(fmt::format("no picture at rest in {} s", seconds));
   }
   std::vector<Event> events() const {
     std::vector<Event> all;

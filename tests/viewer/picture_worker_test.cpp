@@ -85,6 +85,21 @@ TEST_F(PictureWorkerTest, PartsHaveTheFinerRowsAboveTheCoarser) {
   EXPECT_NE(part->picture->color, whole->picture->color);
 }
 
+// Of every second pixel the rows so far are of another size than the coarser picture: they are not laid over it.
+TEST_F(PictureWorkerTest, FewerPixelsAreNotMixedIntoWholePictures) {
+  PictureWorker worker(test_device(), capsule(), 0.05, {});
+  PictureOrder wanted = order(400, 480);
+  wanted.layer = PictureLayer::samples;
+  wanted.finest = "paper";
+  wanted.knobs = {{"pixel_step", "2"}};
+  worker.order(wanted);
+  const DrawnPicture drawn = next(worker, [](const DrawnPicture& d) { return d.quality == Quality{"paper", 1}; });
+  EXPECT_EQ(drawn.part, 1);
+  EXPECT_TRUE(drawn.finest);
+  ASSERT_TRUE(drawn.picture->inspection);
+  EXPECT_EQ(drawn.picture->inspection->placed.size(), 400u * 480u);
+}
+
 TEST_F(PictureWorkerTest, ComparesWithTheExactPicture) {
   PictureWorker worker(test_device(), capsule(), 0.05, {});
   PictureOrder wanted = order();

@@ -40,12 +40,12 @@ TEST(MovingQualityTest, BeginsWithTheCoarsestAndClimbsAsFarAsTheBudgetHolds) {
     return 1e-6 * finer * pixels / (quality.pixel_step * quality.pixel_step);
   };
   for (const double budget : {0.01, 0.1, 0.6, 2.0, 100.0}) {
-    MovingQuality moving(avatar, budget, "paper");
-    Quality chosen = moving.choose(pixels, false);
+    MovingQuality moving(avatar, budget);
+    Quality chosen = moving.choose(pixels, false, "paper");
     EXPECT_EQ(chosen, qualities(avatar).back());
     for (int picture = 0; picture < 40; ++picture) {
       moving.took(chosen, pixels, false, takes(chosen));
-      chosen = moving.choose(pixels, false);
+      chosen = moving.choose(pixels, false, "paper");
       if (chosen != qualities(avatar).back()) {
         EXPECT_LE(takes(chosen), budget) << to_string(chosen);
       }
@@ -61,27 +61,27 @@ TEST(MovingQualityTest, BeginsWithTheCoarsestAndClimbsAsFarAsTheBudgetHolds) {
 
 TEST(MovingQualityTest, GivesWayWhereTheDeviceIsBusy) {
   const Avatar avatar = any_avatar();
-  MovingQuality moving(avatar, 0.05, "fast");
-  Quality chosen = moving.choose(1e5, false);
+  MovingQuality moving(avatar, 0.05);
+  Quality chosen = moving.choose(1e5, false, "fast");
   for (int picture = 0; picture < 20; ++picture) {
     moving.took(chosen, 1e5, false, 0.001);
-    chosen = moving.choose(1e5, false);
+    chosen = moving.choose(1e5, false, "fast");
   }
   EXPECT_EQ(chosen, (Quality{"fast", 1})) << "no finer than asked for";
   for (int picture = 0; picture < 6; ++picture) {
     moving.took(chosen, 1e5, false, 1.0);
-    chosen = moving.choose(1e5, false);
+    chosen = moving.choose(1e5, false, "fast");
   }
   EXPECT_NE(chosen, (Quality{"fast", 1}));
 }
 
 TEST(MovingQualityTest, OneSlowPictureIsForgotten) {
   const Avatar avatar = any_avatar();
-  MovingQuality moving(avatar, 0.07, "balanced");
-  Quality chosen = moving.choose(3e5, true);
+  MovingQuality moving(avatar, 0.07);
+  Quality chosen = moving.choose(3e5, true, "balanced");
   moving.took(chosen, 3e5, true, 5);  // shaders were compiled
   for (int picture = 0; picture < 30; ++picture) {
-    chosen = moving.choose(3e5, picture % 2 == 0);
+    chosen = moving.choose(3e5, picture % 2 == 0, "balanced");
     moving.took(chosen, 3e5, picture % 2 == 0, 0.004);
   }
   EXPECT_EQ(chosen.preset, "balanced");
