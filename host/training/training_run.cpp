@@ -149,8 +149,10 @@ class TrainingRun {
   std::map<std::string, std::string> facts() const {
     std::map<std::string, std::string> facts{{"version", kVersion}, {"device", fmt::format("{} ({})", device_.report().name, device_.report().driver)}, {"resume", options_.resume ? "yes" : "no"}};
     for (const auto& [name, print] : config_.parts) facts["capture: " + name] = print;
-    for (const auto& [part, text] : {std::pair{"setting", settings_to_json(settings_)}, {"spec", spec_to_json(config_.spec)}})
-      for (const auto& [name, value] : ordered_json::parse(text).items()) facts[fmt::format("{} {}", part, name)] = value.dump();
+    for (const auto& [part, text] : {std::pair{"setting", settings_to_json(settings_)}, {"spec", spec_to_json(config_.spec)}}) {
+      const ordered_json fields = ordered_json::parse(text);
+      for (const auto& [name, value] : fields.items()) facts[fmt::format("{} {}", part, name)] = value.dump();
+    }
     return facts;
   }
 
@@ -411,7 +413,8 @@ class TrainingRun {
   std::string fingerprint_of(Trainer& trainer) const {
     if (ranks_.count() == 1) return "";
     uint64_t hash = 0xcbf29ce484222325ull;  // FNV-1a
-    for (const std::byte byte : trainer.checkpoint().at("optimizer.parameters").data) hash = (hash ^ uint64_t(byte)) * 0x100000001b3ull;
+    const SafetensorsFile file = trainer.checkpoint();
+    for (const std::byte byte : file.at("optimizer.parameters").data) hash = (hash ^ uint64_t(byte)) * 0x100000001b3ull;
     return fmt::format("{:016x}", hash);
   }
 
