@@ -27,6 +27,7 @@ struct Options {
   std::vector<double> disturb;        // degrees, metres
   double disturb_shape = 0;
   bool view = false;
+  std::vector<uint32_t> shares;       // of the ranks
   std::filesystem::path prior;
   std::vector<std::string> settings;  // NAME=VALUE
   DeviceOptions device = DeviceOptions::from_environment();
@@ -66,10 +67,13 @@ int train(const Options& options) {
   const RunConfig config = resolve(options, capture);
   RunOptions run = options.run;
   run.ranks = Ranks::of_process();
+  run.ranks.set_shares(options.shares);
   Device device(device_of_rank(options.device, run.ranks));
   const std::vector<std::string> devices = run.ranks.gather(std::to_string(device.report().index));
+  const Interrupt interrupt;  // of all ranks; the first one's counts
   if (!run.ranks.first()) {
     const RunResult result = run_training(device, capture, config, run);
+    Ranks::end_together();
     return result.stopped ? kFailed : 0;
   }
   fmt::print(stderr, "device: {} ({})\n", device.report().name, device.report().driver);
@@ -78,7 +82,6 @@ int train(const Options& options) {
   const TrainingSettings& settings = config.settings;
   TrainingProgress progress(device, settings.steps > 0 ? fmt::format("{} steps", settings.steps)
                                                        : fmt::format("{:g} minutes", settings.minutes));
-  const Interrupt interrupt;
   bool viewed = false;
   const RunResult result = run_training(device, capture, config, run, [&](const RunEvent& event) {
     progress.show(event);
@@ -89,6 +92,7 @@ int train(const Options& options) {
     }
     return !interrupt.wanted();
   });
+  Ranks::end_together();
   progress.finish(result);
   if (options.device.profile) fmt::print("{}", device.profiler().table());
   if (!result.stopped) return 0;
@@ -140,6 +144,9 @@ void add_train_command(CLI::App& program, Run& run) {
   command->add_option("--stop-at", options->run.stop_at, "stop at this step as Ctrl-C would, for --resume to go on")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
   command->add_flag("--view", options->view, "open arah-view on the run with the first checkpoint; it follows the others");
+  command->add_option("--shares", options->shares, "under mpirun: of the ranks in each step's rays, as 3,1 (default: even ones, or, of devices of several kinds, by their measured speed)")
+      ->delimiter(',')
+      ->check(CLI::Range(1, 1000));
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);
   command->add_flag("--profile", options->device.profile, "time every launch on the device and print the table");

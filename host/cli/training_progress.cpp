@@ -1,6 +1,7 @@
 #include "host/cli/training_progress.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <sstream>
 
@@ -49,6 +50,7 @@ void TrainingProgress::show(const RunEvent& event) {
       break;
     case RunEvent::Kind::ready:
       write_text(stderr, fmt::format("{}; {}\n", memory_text(device_), event.passes > 1 ? fmt::format("a step's rays in {} passes", event.passes) : "a step's rays together"));
+      if (!event.shares.empty()) write_text(stderr, fmt::format("shares of the ranks in these: {}\n", fmt::join(event.shares, ",")));
       steps_.emplace(fmt::format("train for {}", budget_), 1.0, "", event.fraction);
       break;
     case RunEvent::Kind::step: {

@@ -207,6 +207,17 @@ void AvatarNetworks::record_unpack(Commands& commands, std::size_t latent_row, c
     commands.copy(code_gradient_.slice().elements(0, spec_.latent_size), gradient("latent").elements(latent_row * spec_.latent_size, spec_.latent_size));
 }
 
+std::vector<BufferSlice> AvatarNetworks::effective_gradients(const Parts& parts) {
+  std::vector<BufferSlice> all;
+  const auto add = [&](auto& network) {
+    for (const BufferSlice& layer : network.effective_gradients()) all.push_back(layer);
+  };
+  if (parts.sdf) add(*sdf_);
+  if (parts.skinning && skinning_) add(*skinning_);
+  if (parts.color) add(*color_);
+  return all;
+}
+
 void AvatarNetworks::record_pack_shared_sdf(Commands& commands) {
   if (pose_networks_) pose_networks_->record_shared(commands);
   sdf_->record_pack(commands);

@@ -54,6 +54,10 @@ class AvatarNetworks {
   struct Parts {
     bool sdf = true, skinning = true, color = true;
   };
+  // What it reads: the gradients at the effective weights of the SDF, the skinning and the colour network, where they are among
+  // the parts. Several devices that each have them for some of a frame's rays add these up, of a hypernetwork's 85 million numbers
+  // the factors alone.
+  std::vector<BufferSlice> effective_gradients(const Parts& parts);
   struct PoseRegulariser {
     float weight = 0;
     BufferSlice losses;

@@ -1,6 +1,7 @@
 #include "host/training/ranks.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <stdexcept>
 #include <thread>
 
@@ -20,15 +22,40 @@
 namespace arah {
 namespace {
 
-Ranks::Part part_of(uint64_t count, uint64_t unit, uint64_t rank, uint64_t ranks) {
+// before(r): sum of the shares of the ranks before r.
+Ranks::Part part_of(uint64_t count, uint64_t unit, uint64_t rank, uint64_t ranks, const std::function<uint64_t(uint64_t)>& before) {
   const uint64_t units = (count + unit - 1) / unit;
-  const auto at = [&](uint64_t r) { return static_cast<uint32_t>(std::min(count, units * r / ranks * unit)); };
+  const auto at = [&](uint64_t r) {
+    uint64_t first = units * before(r) / before(ranks);
+    if (units >= ranks) first = std::clamp(first, r, units - (ranks - r));
+    return static_cast<uint32_t>(std::min(count, first * unit));
+  };
   return {at(rank), at(rank + 1)};
+}
+
+Ranks::Part even_part(uint64_t count, uint64_t unit, uint64_t rank, uint64_t ranks) {
+  return part_of(count, unit, rank, ranks, [](uint64_t r) { return r; });
 }
 
 }  // namespace
 
-Ranks::Part Ranks::part(uint32_t count, uint32_t unit) const { return part_of(count, unit, rank_, count_); }
+Ranks::Part Ranks::part(uint32_t count, uint32_t unit) const {
+  if (shares_.empty()) return even_part(count, unit, rank_, count_);
+  return part_of(count, unit, rank_, count_, [&](uint64_t r) { return std::accumulate(shares_.begin(), shares_.begin() + static_cast<std::ptrdiff_t>(r), uint64_t{0}); });
+}
+
+void Ranks::set_shares(std::vector<uint32_t> shares) {
+  const bool some = !shares.empty();
+  if (some && (shares.size() != count_ || std::find(shares.begin(), shares.end(), 0u) != shares.end()))
+    throw InputError("shares", "", fmt::format("{}, one a rank, each from 1 on", count_), fmt::format("{}", fmt::join(shares, ",")));
+  agree({{"shares", fmt::format("{}", fmt::join(shares, ","))}});
+  shares_ = std::move(shares);
+}
+
+bool Ranks::all_alike(const std::string& text) const {
+  const std::vector<std::string> all = gather(text);
+  return std::all_of(all.begin(), all.end(), [&](const std::string& other) { return other == all[0]; });
+}
 
 uint64_t Ranks::before(uint64_t own) const {
   std::vector<double> all(count_, 0.0);
@@ -75,7 +102,7 @@ bool launched() {
   return false;
 }
 
-bool joined = false;
+bool joined = false, together = false;
 std::vector<int64_t> processes;  // by rank: its id; 0: on another machine
 
 void refuse(int code, const char* call) {
@@ -121,7 +148,7 @@ void sum_in_order(std::span<Number> values, MPI_Datatype type, uint32_t rank, ui
     // Rank r adds up part r, of which it gets everyone's.
     std::vector<int> counts, begins;
     for (uint32_t r = 0; r < ranks; ++r) {
-      const Ranks::Part part = part_of(some.size(), 1, r, ranks);
+      const Ranks::Part part = even_part(some.size(), 1, r, ranks);
       counts.push_back(static_cast<int>(part.size()));
       begins.push_back(static_cast<int>(part.begin));
     }
@@ -171,9 +198,11 @@ const Ranks& Ranks::of_process() {
   return ranks;
 }
 
+void Ranks::end_together() { together = true; }
+
 int Ranks::leave(int code) {
   if (!joined) return code;
-  if (code != 0 && processes.size() > 1) MPI_Abort(everyone, code);
+  if (code != 0 && !together && processes.size() > 1) MPI_Abort(everyone, code);
   of_process().wait_for_all();
   MPI_Finalize();
   return code;
@@ -268,6 +297,7 @@ const Ranks& Ranks::of_process() {
   return ranks;
 }
 
+void Ranks::end_together() {}
 int Ranks::leave(int code) { return code; }
 void Ranks::sum(std::span<float>) const {}
 void Ranks::sum(std::span<double>) const {}

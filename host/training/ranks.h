@@ -22,7 +22,10 @@ class Ranks {
   // Those that this process is one of; MPI is started at the first call, and only where mpirun (or another launcher) started the
   // process. Throws InputError where that started several and this build has no MPI.
   static const Ranks& of_process();
-  // The end of the process: waits for the other ranks where `code` is 0, ends them all with the code otherwise. Returns it.
+  // From now on this process ends well, whatever its code, as all ranks do.
+  static void end_together();
+  // The end of the process: waits for the other ranks where `code` is 0 or they end together, ends them all with the code otherwise.
+  // Returns it.
   static int leave(int code);
 
   uint32_t rank() const { return rank_; }
@@ -30,12 +33,16 @@ class Ranks {
   bool first() const { return rank_ == 0; }
   uint32_t on_machine() const { return on_machine_; }  // number of this rank among those of its machine
 
-  // This rank's part of `count` things, shared out in whole `unit`s, as evenly as that goes, in the order of the ranks.
+  // This rank's part of `count` things, shared out in whole `unit`s in the order of the ranks, as evenly, or as near to their
+  // shares, as that goes. Each gets one unit at least where there are as many.
   struct Part {
     uint32_t begin = 0, end = 0;
     uint32_t size() const { return end - begin; }
   };
   Part part(uint32_t count, uint32_t unit = 1) const;
+  // By rank, whole numbers from 1 on, the same on all ranks. Throws InputError where they are not.
+  void set_shares(std::vector<uint32_t> shares);
+  const std::vector<uint32_t>& shares() const { return shares_; }  // empty: even ones
 
   // Collective, with as many numbers on each rank: their sums, on all of them. Of uint32_t modulo 2^32.
   void sum(std::span<float> values) const;
@@ -48,6 +55,8 @@ class Ranks {
   uint64_t broadcast(uint64_t number) const;
   // Collective: every rank's, by rank.
   std::vector<std::string> gather(const std::string& bytes) const;
+  // Collective: whether all ranks have this.
+  bool all_alike(const std::string& text) const;
   // Collective: throws InputError, on all ranks alike, where one of these is another one on some rank, naming rank and fact.
   void agree(const std::map<std::string, std::string>& facts) const;
   // Collective: nothing but that.
@@ -59,6 +68,7 @@ class Ranks {
 
  private:
   uint32_t rank_ = 0, count_ = 1, on_machine_ = 0;
+  std::vector<uint32_t> shares_;
 };
 
 }  // namespace arah

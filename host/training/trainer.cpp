@@ -73,12 +73,10 @@ uint32_t mask_rays_of_a_pass(Device& device, const AvatarSpec& spec, const Train
   return static_cast<uint32_t>(std::min<uint64_t>(rays, padded_points(pass_rays)));
 }
 
-// What a step has too few of for so many ranks, or cannot exchange between them, is refused.
+// What a step has too few of for so many ranks is refused.
 const TrainingSettings& for_ranks(const TrainingSettings& settings, const AvatarSpec& spec, const Ranks& ranks) {
   if (ranks.count() == 1) return settings;
   const std::string where = fmt::format("training on {} ranks", ranks.count());
-  if (spec.sdf.pose == PoseConditioning::hypernetwork)
-    throw InputError(where, "spec.sdf.pose", "none or low_rank, whose gradients are exchanged", "hypernetwork", "Train it without mpirun.");
   const auto at_least = [&](const char* name, uint32_t found, uint32_t wanted) {
     if (found < wanted) throw InputError(where, name, fmt::format("at least {}", wanted), fmt::format("{}", found), fmt::format("Start fewer ranks, or set --set {}={}.", name, wanted));
   };
@@ -129,6 +127,11 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   targets = make("photographs", pictures * padded_points(settings.rays) * 16ull);
   if (settings.ray_importance > 0) ray_weights = make("weights of rays", pictures * padded_points(settings.rays) * 4ull);
   d_colors = make("gradient of colours", rays * 16ull);
+  if (ranks.count() > 1) {
+    uint64_t bytes = 0;
+    for (const BufferSlice& layer : networks.effective_gradients({})) bytes += layer.bytes;
+    exchange = make("gradients of all ranks", bytes);
+  }
   partials = make("partial sums of losses", partial_bytes(std::max({rays, settings.eikonal_points, settings.off_surface_points, settings.inside_points}), 2));
   scratch = make("partial sums of weight gradients", 4 * std::max({regularisers ? regularisers->scratch_floats() : 64,
                                                                    skinning ? skinning->scratch_floats() : 64, mask_loss ? mask_loss->scratch_floats() : 64, shaded.field().scratch_floats()}));
@@ -148,6 +151,7 @@ Trainer::Trainer(Device& device, const Capture& capture, Avatar avatar, const Tr
       networks_(device, avatar_, true, settings.frames_per_step),
       room_(device, networks_, settings_, pass_rays_, ranks_),
       mask_sharpness_(settings.mask_alpha, settings.mask_alpha_rate) {
+  alike_ = ranks_.all_alike(device.report().name + device.report().driver);
   if (settings_.disturb_degrees > 0 || settings_.disturb_metres > 0)
     for (size_t frame = 0; frame < images_.poses().size(); ++frame) {
       images_.set_pose(frame, disturbed_pose(images_.poses()[frame], settings_.disturb_degrees, settings_.disturb_metres, settings_.seed, images_.frame_number(frame)));
@@ -436,6 +440,8 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
     for (uint32_t first = rays_.begin; first < rays_.end; first += pass_rays_) run_pass(frame, batch, hits, first, std::min(pass_rays_, rays_.end - first), skinning_step);
     if (room_.mask_loss) record_mask_loss_of(frame, batch, hits, skinning_step);
   }
+  const bool last_frame = frame_of_step + 1 == settings_.frames_per_step;
+  if (ranks_.count() > 1) take_passes(last_frame);
   commands_.stage("regularisers");
   if (room_.regularisers) room_.regularisers->record(commands_, room_.losses.slice(), {eikonal_slot, off_surface_slot, inside_slot}, room_.partials.slice(), room_.scratch.slice());
   if (room_.regularisers) {
@@ -447,10 +453,10 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
   }
   // Of the body, not of a frame: once a step.
   if (skinning_step && frame_of_step == 0) room_.skinning->record_surface_loss(commands_, frame.constants(), WeightsMeasure::absolute, settings_.skinning_weight * (double(skinning_points_.size()) / std::max(settings_.skinning_points, 1u)), true, room_.losses.slice(), skinning_slot, room_.scratch.slice());
+  if (ranks_.count() > 1) add_up_frame(skinning_step);
   commands_.stage("weights");
-  // The size of the parameters belongs to no ray: of several ranks the first one adds it.
   networks_.record_unpack(commands_, row, {true, skinning_step, true}, room_.scratch.slice(), frame_of_step,
-                          {static_cast<float>(ranks_.first() ? settings_.parameter_weight / settings_.frames_per_step : 0), room_.losses.slice(), parameter_slot});
+                          {static_cast<float>(settings_.parameter_weight / settings_.frames_per_step), room_.losses.slice(), parameter_slot});
 }
 
 StepReport Trainer::step(uint64_t steps_left) {
@@ -487,7 +493,7 @@ StepReport Trainer::step(uint64_t steps_left) {
     commands_.submit_and_wait();
     pose_gradients.push_back({room_.pose_gradient->download(), networks_.download_pose_gradient(device_)});
   }
-  if (ranks_.count() > 1) add_up_ranks(pose_gradients);
+  if (ranks_.count() > 1) add_up_step(pose_gradients);
   commands_.stage("optimiser");
   room_.updates.record_norms(commands_, skinning_step);
   commands_.submit_and_wait();
@@ -505,6 +511,7 @@ StepReport Trainer::step(uint64_t steps_left) {
       if (settings_.ray_importance > 0) see_errors(batch);
   room_.updates.record(commands_, steps_, done_, skinning_step);
   commands_.submit_and_wait();
+  if (!alike_) follow_first();
 
   std::vector<double> of_shape(avatar_.body.shape.size(), 0.0);  // of the poses that the step saw
   for (size_t f = 0; shape_factor > 0 && f < pose_gradients.size(); ++f) {

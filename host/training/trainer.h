@@ -54,13 +54,22 @@ class Trainer {
   // Rays that do not fit below the device's memory ceiling together go in several passes, whose gradients add up: the last bits
   // of a training depend on how many. Throws MemoryCeilingError where not even passes of 64 rays fit.
   // ranks: that train together, all with the same capture, avatar and settings. A step's rays and points are drawn as one rank
-  // draws them, each rank does its part, and what all found is added up, so that all take the same step; step() is collective.
-  // Throws InputError where there are too few rays or points for so many ranks, or the SDF comes from a hypernetwork.
+  // draws them, each rank does its part, and what all found is added up, so that all take the same step; the constructor and step()
+  // are collective. Throws InputError where there are too few rays or points for so many ranks.
   Trainer(Device& device, const Capture& capture, Avatar avatar, const TrainingSettings& settings, const Ranks& ranks = {});
 
   const TrainingSettings& settings() const { return settings_; }
   uint64_t steps_done() const { return steps_; }
   uint64_t steps_skipped() const { return skipped_; }  // of them, because of bad values
+  // Of several ranks, since the start: the exchange's seconds, all and those in which the device had work too, at most, and the bytes
+  // of the numbers that were added up. (Each rank sends, and gets, 2 (n - 1) / n of these.)
+  struct ExchangeTimes {
+    double seconds = 0, beside = 0;
+    uint64_t bytes = 0;
+  };
+  const ExchangeTimes& exchange_times() const { return exchange_; }
+  // To measure what that is worth: the exchange waits for the end of the way back from now on. The same bits come out.
+  void exchange_after_the_way_back() { exchange_beside_ = false; }
   uint32_t passes() const { return (rays_.size() + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
   double done() const { return done_; }
 
@@ -111,6 +120,7 @@ class Trainer {
     Buffer grid_clamped;  // how many contributions to the grid's gradient were
     Buffer losses, targets, d_colors, partials, scratch;
     Buffer ray_weights;  // where rays are drawn by importance
+    Buffer exchange;     // of several ranks: all effective gradients, one behind the other
   };
   bool with_grids() const { return with_grids(avatar_.spec, settings_); }
   static bool with_grids(const AvatarSpec& spec, const TrainingSettings& settings) {
@@ -152,8 +162,15 @@ class Trainer {
   BadValues bad_values(const std::vector<std::vector<Batch>>& frames, const std::vector<float>& losses, const std::vector<PoseGradients>& pose_gradients, bool state);
   std::string place_of(WatchedRow row, uint64_t index, const std::vector<std::vector<Batch>>& frames) const;
   RootFindingCounts searches() { return (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts(); }
-  // Collective: losses, gradients and counts of the step, which each rank has found for its part, are added up.
-  void add_up_ranks(std::vector<PoseGradients>& pose_gradients);
+  // What each rank has found for its part of a step is added up, in three (trainer_ranks.cpp):
+  // after a frame's passes, what they alone give is fetched: the colour's gradients, and in the last frame the grid's;
+  void take_passes(bool last_frame);
+  // collective: it is added up while the device does the rest of the frame's way back, then that too, before the unpacking;
+  void add_up_frame(bool skinning_step);
+  // collective: losses, counts, and the gradients that are no network's, once a step.
+  void add_up_step(std::vector<PoseGradients>& pose_gradients);
+  // Collective, where devices are not alike and so round differently: all get the first rank's parameters.
+  void follow_first();
   // Collective: what is bad on this rank, or what another found, so that all do the same.
   BadValues of_all_ranks(const BadValues& found);
   StepReport skip(BadValues found, uint64_t steps_left);
@@ -167,6 +184,13 @@ class Trainer {
   Ranks ranks_;
   Ranks::Part rays_;             // this rank's of a picture
   Ranks::Part skinning_points_;  // and of the template's surface
+  bool alike_ = true;            // whether all ranks' devices are of one kind
+  bool exchange_beside_ = true;
+  ExchangeTimes exchange_;
+  struct OfPasses {
+    std::vector<float> color;
+    std::vector<uint32_t> grid;
+  } of_passes_;                  // take_passes()
   Commands commands_;
   TrainingImages images_;
   TemplateSamples template_samples_;

@@ -14,6 +14,7 @@
 #include "host/avatar/spec_choice.h"
 #include "host/input_error.h"
 #include "host/training/prior.h"
+#include "host/training/rank_shares.h"
 #include "host/version.h"
 
 namespace arah {
@@ -147,7 +148,7 @@ class TrainingRun {
 
   // What must be the same on all ranks, or they would not take the same steps.
   std::map<std::string, std::string> facts() const {
-    std::map<std::string, std::string> facts{{"version", kVersion}, {"device", fmt::format("{} ({})", device_.report().name, device_.report().driver)}, {"resume", options_.resume ? "yes" : "no"}};
+    std::map<std::string, std::string> facts{{"version", kVersion}, {"resume", options_.resume ? "yes" : "no"}, {"memory ceiling", device_.memory_ceiling() ? "one" : "none"}};
     for (const auto& [name, print] : config_.parts) facts["capture: " + name] = print;
     for (const auto& [part, text] : {std::pair{"setting", settings_to_json(settings_)}, {"spec", spec_to_json(config_.spec)}}) {
       const ordered_json fields = ordered_json::parse(text);
@@ -241,8 +242,14 @@ class TrainingRun {
     event.kind = RunEvent::Kind::fitted;
     event.prior = pose_networks;
     tell(event);
+    share_out(avatar);
     Trainer trainer(device_, capture_, std::move(avatar), settings_, ranks_);
     return train(trainer);
+  }
+
+  void share_out(const Avatar& avatar) {
+    if (!ranks_.shares().empty() || ranks_.all_alike(device_.report().name + device_.report().driver)) return;
+    ranks_.set_shares(shares_by_speed(device_, capture_, avatar, settings_, ranks_));
   }
 
   // Every rank gets the first one's avatar as it was fitted, or learns that its fit was stopped.
@@ -257,7 +264,9 @@ class TrainingRun {
   }
 
   RunResult resumed(const SafetensorsFile& file) {
-    Trainer trainer(device_, capture_, avatar_from_tensors(file), settings_, ranks_);
+    Avatar avatar = avatar_from_tensors(file);
+    share_out(avatar);
+    Trainer trainer(device_, capture_, std::move(avatar), settings_, ranks_);
     trainer.resume(file);
     ranks_.agree({{"checkpoint", fmt::format("{} of step {}", file.path.string(), trainer.steps_done())}});
     RunEvent event;
@@ -353,7 +362,11 @@ class TrainingRun {
     ready.kind = RunEvent::Kind::ready;
     ready.fraction = fraction(trainer);
     ready.passes = trainer.passes();
-    log({{"event", "ready"}, {"memory", device_.allocated_bytes()}, {"memory_ceiling", device_.memory_ceiling()}, {"passes", ready.passes}});
+    ready.shares = ranks_.shares();
+    ordered_json line{{"event", "ready"}, {"memory", device_.allocated_bytes()}, {"memory_ceiling", device_.memory_ceiling()}, {"passes", ready.passes}};
+    if (ranks_.count() > 1) line["ranks"] = ranks_.count();
+    if (!ready.shares.empty()) line["shares"] = ready.shares;
+    log(line);
     tell(ready);
     double saved_at = seconds(), logged_at = -kLogInterval;
     StepReport last;
@@ -423,7 +436,7 @@ class TrainingRun {
   const TrainingSettings& settings_;
   const RunConfig& config_;
   const RunOptions& options_;
-  const Ranks& ranks_;
+  Ranks ranks_;
   const std::function<bool(const RunEvent&)>& listen_;
   RunFolder folder_;
   Pace pace_;

@@ -19,7 +19,8 @@ struct RunOptions {
   std::filesystem::path from;  // with resume: go on from this checkpoint, or repeat this failed step, instead of the newest checkpoint
   uint64_t stop_at = 0;  // steps done in all, at which the run stops as if asked to; 0: never
   // That train together; run_training is then collective. The first one alone writes, is listened to and stops the run; with
-  // resume the others read its checkpoint. All must have the same version, kind of device, capture and config.
+  // resume the others read its checkpoint. All must have the same version, capture and config. Where their devices are not of one
+  // kind, and no shares are set, each one's share of a step's rays follows its measured speed.
   Ranks ranks;
   // From when this call's share of settings.minutes counts.
   std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();
@@ -40,6 +41,7 @@ struct RunEvent {
   double seconds = 0;           // of training, earlier calls included
   double seconds_per_step = 0;  // 0: not known yet
   uint32_t passes = 1;
+  std::vector<uint32_t> shares;  // ready: of the ranks in a step's rays; empty: even ones
   StepReport step;
   TemplateFit fit;
   std::string prior;  // fitted: what became of the prior's pose networks (start_from_prior)

@@ -122,6 +122,12 @@ uint64_t DenseNetwork::weight_gradient_scratch(uint32_t points) const {
   return most;
 }
 
+std::vector<BufferSlice> DenseNetwork::effective_gradients() {
+  std::vector<BufferSlice> all;
+  for (Layer& layer : layers_) all.push_back(layer.effective_gradient());
+  return all;
+}
+
 void DenseNetwork::record_forward(Commands& commands, DenseTape& tape, const PointRange& range) {
   for (size_t l = 0; l < layers_.size(); ++l) {
     LinearForwardArgs args;

@@ -77,6 +77,7 @@ class DenseNetwork {
   };
   void record_backward(Commands& commands, DenseTape& tape, const PointRange& range, const Backward& backward);
   uint64_t weight_gradient_scratch(uint32_t points) const;  // floats
+  std::vector<BufferSlice> effective_gradients();           // by layer
   // Effective gradients → raw gradients (+=).
   void record_unpack(Commands& commands, const BufferSlice& code = {}, const BufferSlice& code_gradient = {});
 

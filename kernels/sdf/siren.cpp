@@ -121,6 +121,12 @@ uint64_t Siren::weight_gradient_scratch(uint32_t points) const {
   return most;
 }
 
+std::vector<BufferSlice> Siren::effective_gradients() {
+  std::vector<BufferSlice> all;
+  for (Layer& layer : layers_) all.push_back(layer.effective_gradient());
+  return all;
+}
+
 void Siren::record_forward(Commands& commands, SirenTape& tape, const PointRange& range, bool keep) {
   require(!keep || !tape.cosine_.empty(), name_, "a forward pass that keeps its cosines", "the gradient");
   for (uint32_t l = 0; l <= shape_.sine_layers; ++l) {

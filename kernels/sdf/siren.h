@@ -77,6 +77,7 @@ class Siren {
   };
   void record_backward(Commands& commands, SirenTape& tape, const PointRange& range, const Backward& backward);
   uint64_t weight_gradient_scratch(uint32_t points) const;
+  std::vector<BufferSlice> effective_gradients();  // by layer
   void record_unpack(Commands& commands);
 
  private:

@@ -17,6 +17,7 @@ struct Commands::State {
   VkCommandBuffer buffer = VK_NULL_HANDLE, compiling = VK_NULL_HANDLE;
   VkFence fence = VK_NULL_HANDLE;
   bool recording = false;
+  bool running = false;  // between submit() and wait()
   bool anything_written = false;
 
   // What was recorded, kept until it is submitted: meanwhile the pipelines of a batch are made side by side.
@@ -73,6 +74,7 @@ Commands::~Commands() {
 // (submission itself makes host writes visible).
 void Commands::barrier(uint32_t next_stage_is_transfer) {
   State& s = *state_;
+  if (s.running) throw std::logic_error("commands were recorded that wait() had not been called for");
   s.recording = true;
   if (s.anything_written) {
     const VkAccessFlags next = next_stage_is_transfer ? VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT
@@ -104,7 +106,8 @@ void Commands::compile(const Launch& launch, const void* descriptor_writes, uint
   check(vkBeginCommandBuffer(state_->compiling, &begin), "recording commands");
   bind(state_->compiling, launch, descriptor_writes, count);
   vkCmdDispatch(state_->compiling, 0, 0, 0);
-  run(state_->compiling);
+  start(state_->compiling);
+  finish();
   launch.pipeline->launched = true;
 }
 
@@ -213,25 +216,31 @@ void Commands::copy(const BufferSlice& from, const BufferSlice& to) {
   };
 }
 
-// Ends the recording of `buffer`, runs it and waits for it.
-void Commands::run(VkCommandBuffer buffer) {
+// Ends the recording of `buffer` and runs it; finish() waits for it.
+void Commands::start(VkCommandBuffer buffer) {
   DeviceState& device = device_.state();
   check(vkEndCommandBuffer(buffer), "recording commands");
   VkSubmitInfo submit{VK_STRUCTURE_TYPE_SUBMIT_INFO};
   submit.commandBufferCount = 1;
   submit.pCommandBuffers = &buffer;
-  {
-    const std::lock_guard lock(device.queue_mutex);
-    check(vkQueueSubmit(device.queue, 1, &submit, state_->fence), "submitting work to " + device.report.name);
-  }
+  const std::lock_guard lock(device.queue_mutex);
+  check(vkQueueSubmit(device.queue, 1, &submit, state_->fence), "submitting work to " + device.report.name);
+}
+
+void Commands::finish() {
+  DeviceState& device = device_.state();
   check(vkWaitForFences(device.device, 1, &state_->fence, VK_TRUE, UINT64_MAX), "waiting for " + device.report.name);
   check(vkResetFences(device.device, 1, &state_->fence), "fence");
 }
 
 void Commands::submit_and_wait() {
+  submit();
+  wait();
+}
+
+void Commands::submit() {
   State& s = *state_;
   if (!s.recording) return;
-  DeviceState& device = device_.state();
   const std::vector<State::Recorded> recorded = std::move(s.recorded);
   s.recorded.clear();
   for (const State::Recorded& work : recorded)
@@ -248,8 +257,16 @@ void Commands::submit_and_wait() {
   vkCmdPipelineBarrier(s.buffer, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &memory, 0, nullptr, 0, nullptr);
   s.recording = false;
   s.anything_written = false;
-  run(s.buffer);
+  start(s.buffer);
+  s.running = true;
+}
 
+void Commands::wait() {
+  State& s = *state_;
+  if (!s.running) return;
+  s.running = false;
+  finish();
+  DeviceState& device = device_.state();
   for (size_t first = 0; first < s.timed.size(); first += launches_per_pool) {
     const uint32_t count = static_cast<uint32_t>(std::min<size_t>(launches_per_pool, s.timed.size() - first));
     std::vector<uint64_t> ticks(count * 2);

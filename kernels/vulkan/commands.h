@@ -59,12 +59,17 @@ class Commands {
   // Runs what was recorded, waits for it, collects the profile and starts anew.
   // Throws std::runtime_error on a lost device or exhausted memory.
   void submit_and_wait();
+  // In two: between them the host may do something else, but record nothing here (std::logic_error). What is recorded with other
+  // Commands, uploaded or downloaded then must not be what runs.
+  void submit();
+  void wait();
 
  private:
   struct State;
   void barrier(uint32_t next_stage_is_transfer);
   void bind(VkCommandBuffer_T* buffer, const Launch& launch, const void* descriptor_writes, uint32_t count) const;
-  void run(VkCommandBuffer_T* buffer);
+  void start(VkCommandBuffer_T* buffer);
+  void finish();
   void compile(const Launch& launch, const void* descriptor_writes, uint32_t count);
   Device& device_;
   std::unique_ptr<State> state_;
