@@ -10,6 +10,7 @@
 #include "host/cli/command.h"
 #include "host/cli/progress.h"
 #include "host/evaluation/bench.h"
+#include "host/evaluation/rank_bench.h"
 #include "host/evaluation/search_bench.h"
 #include "host/file_writing.h"
 #include "host/input_error.h"
@@ -28,12 +29,32 @@ int bench_searches(const std::filesystem::path& path, const DeviceOptions& optio
   return 0;
 }
 
+int bench_ranks(const std::filesystem::path& json, const std::filesystem::path& plots, const DeviceOptions& options, bool quick) {
+  const Ranks& ranks = Ranks::of_process();
+  Device device(device_of_rank(options, ranks));
+  RankBenchSettings settings;
+  if (quick) settings.warm_up = 1, settings.steps = 2, settings.with_paper = false;
+  if (!ranks.first()) {
+    run_rank_bench(device, ranks, settings);
+    return 0;
+  }
+  Progress progress("bench", 1.0, "");
+  const RankBench bench = run_rank_bench(device, ranks, settings, [&](const std::string& what) { progress.say(what); });
+  progress.finish();
+  fmt::print("{}", rank_bench_table(bench));
+  if (!json.empty()) write_file_safely(json, rank_bench_json(bench));
+  if (plots.empty()) return 0;
+  make_folder(plots);
+  for (const RankBenchWork& work : bench.works) write_file_safely(plots / fmt::format("ranks-{}.svg", work.name), to_svg(scaling_plot(bench, work)));
+  return 0;
+}
+
 }  // namespace
 
 void add_bench_command(CLI::App& program, Run& run) {
   struct Options {
-    std::filesystem::path json, compare, avatar;
-    bool quick = false;
+    std::filesystem::path json, compare, avatar, plots;
+    bool quick = false, ranks = false;
     DeviceOptions device = DeviceOptions::from_environment();
   };
   const auto options = std::make_shared<Options>();
@@ -42,11 +63,18 @@ void add_bench_command(CLI::App& program, Run& run) {
   CLI::Option* json_file = command->add_option("--json", options->json, "file for the figures, {\"kernels\", \"works\"}");
   CLI::Option* compare = command->add_option("--compare", options->compare, "an earlier --json file: print what changed, as ratios");
   command->add_flag("--quick", options->quick, "one small repetition of everything: to see that it runs, not how fast");
+  CLI::Option* of_ranks = command->add_flag("--mpi", options->ranks, "instead: training steps of the ranks that mpirun started, of the first 1, 2, ... of them: compute, exchange, and how much of it happens beside the way back");
+  command->add_option("--plots", options->plots, "with --mpi, a folder for ranks-tiny.svg and ranks-paper.svg: what more ranks are worth, measured and by a model")->needs(of_ranks);
+  of_ranks->excludes(avatar)->excludes(compare);
   avatar->excludes(json_file)->excludes(compare);
   add_device_option(*command, options->device);
-  command->footer("Example: arah bench --json now.json --compare before.json");
+  command->footer(
+      "Example: arah bench --json now.json --compare before.json\n"
+      "         mpirun -n 4 arah bench --mpi --plots .");
   command->callback([options, &run] {
     run = [options] {
+      if (options->ranks) return bench_ranks(options->json, options->plots, options->device, options->quick);
+      if (Ranks::of_process().count() > 1) throw InputError("arah bench", "", "--mpi under mpirun", "a bench of one device", "Without --mpi call it without mpirun.");
       if (!options->avatar.empty()) return bench_searches(options->avatar, options->device, options->quick);
       std::string before;
       if (!options->compare.empty()) {

@@ -19,7 +19,7 @@ int on_rank(const std::string& word, const arah::Run& run) {
   if (ranks.count() == 1) return run();
   return arah::outcome_of(fmt::format("arah (rank {} of {})", ranks.rank(), ranks.count()), [&] {
     try {
-      if (word != "train" && word != "animate") throw arah::InputError(fmt::format("arah {}", word), "", "to be called without mpirun", fmt::format("{} ranks", ranks.count()), "Several ranks share the work of arah train and arah animate.");
+      if (word != "train" && word != "animate" && word != "bench") throw arah::InputError(fmt::format("arah {}", word), "", "to be called without mpirun", fmt::format("{} ranks", ranks.count()), "Several ranks share the work of arah train and arah animate.");
       return run();
     } catch (...) {
       // What is wrong is mostly so on all ranks: the first one says it, and its end is the others'.

@@ -1,46 +1,19 @@
 #include "host/evaluation/work_bench.h"
 
 #include <fmt/format.h>
-#include <stdlib.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <filesystem>
 #include <numeric>
 #include <stdexcept>
 
-#include "host/capture/synthetic_capture.h"
+#include "host/evaluation/bench_subject.h"
 #include "host/evaluation/mesh_extraction.h"
 #include "host/evaluation/timed_launches.h"
 #include "host/rendering/renderer.h"
-#include "host/training/template_fit.h"
 #include "host/training/trainer.h"
 
 namespace arah {
 namespace {
-
-namespace fs = std::filesystem;
-
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string name = (fs::temp_directory_path() / "arah-bench-XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr)
-      throw std::runtime_error(fmt::format("{}: could not be made: {}", name, std::strerror(errno)));
-    path_ = name;
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
 
 // The stages as they follow each other; a step and a picture have those that they launch.
 const std::vector<std::string>& stage_order() {
@@ -85,13 +58,7 @@ WorkBench measure_work(Device& device, const std::string& name, const std::strin
 
 class Works {
  public:
-  Works(Device& device, const WorkBenchSettings& settings, const std::function<void(const std::string&)>& progress) : device_(device), settings_(settings), progress_(progress) {
-    SyntheticSettings synthetic;
-    synthetic.frames = 2;
-    synthetic.size = 128;
-    write_synthetic_capture(folder_.path() / "capture", synthetic);
-    capture_ = open_capture(folder_.path() / "capture");
-  }
+  Works(Device& device, const WorkBenchSettings& settings, const std::function<void(const std::string&)>& progress) : device_(device), settings_(settings), progress_(progress) {}
 
   std::vector<WorkBench> run() {
     const TrainingSettings tiny = step_settings("tiny");
@@ -151,22 +118,8 @@ class Works {
   }
 
  private:
-  // Every group steps from the start, as in most of a training.
-  TrainingSettings step_settings(const std::string& preset) const {
-    TrainingSettings training = preset_settings(preset);
-    for (GroupSettings* group : {&training.sdf, &training.skinning, &training.deviation, &training.pose_code, &training.hyper, &training.low_rank, &training.hyper_last}) group->freeze = group->warm_up = 0;
-    training.fit_steps = settings_.fit_steps;
-    training.fit_skinning_steps = settings_.fit_skinning_steps;
-    training.fit_rate = preset_settings("tiny").fit_rate;
-    return training;
-  }
-
-  Avatar fitted(const AvatarSpec& spec, const TrainingSettings& training) {
-    Avatar avatar = make_avatar(spec, capture_, 0);
-    fit_template(device_, avatar, training);
-    avatar.settings = settings_to_json(training);  // how its pictures are sampled
-    return avatar;
-  }
+  TrainingSettings step_settings(const std::string& preset) const { return bench_step_settings(preset, settings_.fit_steps, settings_.fit_skinning_steps); }
+  Avatar fitted(const AvatarSpec& spec, const TrainingSettings& training) { return bench_avatar(device_, capture_, spec, training); }
 
   void start(const std::string& name) {
     if (progress_) progress_(name);
@@ -204,8 +157,8 @@ class Works {
   Device& device_;
   const WorkBenchSettings& settings_;
   const std::function<void(const std::string&)>& progress_;
-  TemporaryFolder folder_;
-  Capture capture_;
+  BenchCapture subject_;
+  const Capture& capture_ = subject_.capture();
   std::vector<WorkBench> benches_;
 };
 

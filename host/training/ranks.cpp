@@ -91,7 +91,7 @@ void Ranks::agree(const std::map<std::string, std::string>& facts) const {
 
 namespace {
 
-const MPI_Comm everyone = MPI_COMM_WORLD;
+std::vector<MPI_Comm> groups{MPI_COMM_WORLD};  // by Ranks::group_
 // Numbers that are exchanged together, so that the room for them stays small beside a large avatar's: 64 MiB of floats.
 constexpr std::size_t numbers_at_a_time = std::size_t{1} << 24;
 
@@ -142,7 +142,7 @@ void wait_for(MPI_Request& request) {
 }
 
 template <typename Number>
-void sum_in_order(std::span<Number> values, MPI_Datatype type, uint32_t rank, uint32_t ranks) {
+void sum_in_order(std::span<Number> values, MPI_Datatype type, uint32_t rank, uint32_t ranks, MPI_Comm group) {
   for (std::size_t first = 0; first < values.size(); first += numbers_at_a_time) {
     const std::span<Number> some = values.subspan(first, std::min(numbers_at_a_time, values.size() - first));
     // Rank r adds up part r, of which it gets everyone's.
@@ -158,11 +158,11 @@ void sum_in_order(std::span<Number> values, MPI_Datatype type, uint32_t rank, ui
     for (uint32_t r = 0; r < ranks; ++r) own_begins.push_back(static_cast<int>(r) * counts[rank]);
     std::vector<Number> all(ranks * own);
     MPI_Request request;
-    refuse(MPI_Ialltoallv(some.data(), counts.data(), begins.data(), type, all.data(), own_counts.data(), own_begins.data(), type, everyone, &request), "MPI_Ialltoallv");
+    refuse(MPI_Ialltoallv(some.data(), counts.data(), begins.data(), type, all.data(), own_counts.data(), own_begins.data(), type, group, &request), "MPI_Ialltoallv");
     wait_for(request);
     for (uint32_t r = 1; r < ranks; ++r)
       for (std::size_t i = 0; i < own; ++i) all[i] += all[r * own + i];
-    refuse(MPI_Iallgatherv(all.data(), counts[rank], type, some.data(), counts.data(), begins.data(), type, everyone, &request), "MPI_Iallgatherv");
+    refuse(MPI_Iallgatherv(all.data(), counts[rank], type, some.data(), counts.data(), begins.data(), type, group, &request), "MPI_Iallgatherv");
     wait_for(request);
   }
 }
@@ -176,10 +176,10 @@ const Ranks& Ranks::of_process() {
     int level = 0, rank = 0, count = 1, on_machine = 0;
     refuse(MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &level), "MPI_Init_thread");
     joined = true;
-    refuse(MPI_Comm_rank(everyone, &rank), "MPI_Comm_rank");
-    refuse(MPI_Comm_size(everyone, &count), "MPI_Comm_size");
+    refuse(MPI_Comm_rank(MPI_COMM_WORLD, &rank), "MPI_Comm_rank");
+    refuse(MPI_Comm_size(MPI_COMM_WORLD, &count), "MPI_Comm_size");
     MPI_Comm machine;
-    refuse(MPI_Comm_split_type(everyone, MPI_COMM_TYPE_SHARED, rank, MPI_INFO_NULL, &machine), "MPI_Comm_split_type");
+    refuse(MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, rank, MPI_INFO_NULL, &machine), "MPI_Comm_split_type");
     refuse(MPI_Comm_rank(machine, &on_machine), "MPI_Comm_rank");
     // (rank, process) of this machine's.
     int here = 1;
@@ -202,31 +202,52 @@ void Ranks::end_together() { together = true; }
 
 int Ranks::leave(int code) {
   if (!joined) return code;
-  if (code != 0 && !together && processes.size() > 1) MPI_Abort(everyone, code);
+  if (code != 0 && !together && processes.size() > 1) MPI_Abort(MPI_COMM_WORLD, code);
   of_process().wait_for_all();
   MPI_Finalize();
   return code;
 }
 
 void Ranks::sum(std::span<float> values) const {
-  if (count_ > 1) sum_in_order(values, MPI_FLOAT, rank_, count_);
+  if (count_ > 1) sum_in_order(values, MPI_FLOAT, rank_, count_, groups[group_]);
 }
 void Ranks::sum(std::span<double> values) const {
-  if (count_ > 1) sum_in_order(values, MPI_DOUBLE, rank_, count_);
+  if (count_ > 1) sum_in_order(values, MPI_DOUBLE, rank_, count_, groups[group_]);
 }
 void Ranks::sum(std::span<uint32_t> values) const {
-  if (count_ > 1) sum_in_order(values, MPI_UINT32_T, rank_, count_);
+  if (count_ > 1) sum_in_order(values, MPI_UINT32_T, rank_, count_, groups[group_]);
+}
+
+Ranks Ranks::first_ranks(uint32_t count) const {
+  Ranks result;
+  if (count_ == 1) return result;
+  MPI_Comm group = MPI_COMM_NULL;
+  refuse(MPI_Comm_split(groups[group_], rank_ < count ? 0 : MPI_UNDEFINED, static_cast<int>(rank_), &group), "MPI_Comm_split");
+  if (rank_ >= count) return result;
+  result.rank_ = rank_, result.count_ = count, result.on_machine_ = on_machine_;
+  result.group_ = groups.size();
+  groups.push_back(group);
+  return result;
+}
+
+void Ranks::broadcast(std::span<float> values) const {
+  if (count_ == 1) return;
+  for (std::size_t first = 0; first < values.size(); first += numbers_at_a_time) {
+    MPI_Request request;
+    refuse(MPI_Ibcast(values.data() + first, static_cast<int>(std::min(numbers_at_a_time, values.size() - first)), MPI_FLOAT, 0, groups[group_], &request), "MPI_Ibcast");
+    wait_for(request);
+  }
 }
 
 void Ranks::broadcast(std::string& bytes) const {
   if (count_ == 1) return;
   uint64_t size = bytes.size();
   MPI_Request request;
-  refuse(MPI_Ibcast(&size, 1, MPI_UINT64_T, 0, everyone, &request), "MPI_Ibcast");
+  refuse(MPI_Ibcast(&size, 1, MPI_UINT64_T, 0, groups[group_], &request), "MPI_Ibcast");
   wait_for(request);
   bytes.resize(size);
   for (std::size_t first = 0; first < size; first += numbers_at_a_time) {
-    refuse(MPI_Ibcast(bytes.data() + first, static_cast<int>(std::min(numbers_at_a_time, bytes.size() - first)), MPI_CHAR, 0, everyone, &request), "MPI_Ibcast");
+    refuse(MPI_Ibcast(bytes.data() + first, static_cast<int>(std::min(numbers_at_a_time, bytes.size() - first)), MPI_CHAR, 0, groups[group_], &request), "MPI_Ibcast");
     wait_for(request);
   }
 }
@@ -236,12 +257,12 @@ std::vector<std::string> Ranks::gather(const std::string& bytes) const {
   int size = static_cast<int>(bytes.size());
   std::vector<int> sizes(count_), begins;
   MPI_Request request;
-  refuse(MPI_Iallgather(&size, 1, MPI_INT, sizes.data(), 1, MPI_INT, everyone, &request), "MPI_Iallgather");
+  refuse(MPI_Iallgather(&size, 1, MPI_INT, sizes.data(), 1, MPI_INT, groups[group_], &request), "MPI_Iallgather");
   wait_for(request);
   int sum_of_sizes = 0;
   for (const int some : sizes) begins.push_back(sum_of_sizes), sum_of_sizes += some;
   std::string all(static_cast<std::size_t>(sum_of_sizes), '\0');
-  refuse(MPI_Iallgatherv(bytes.data(), size, MPI_CHAR, all.data(), sizes.data(), begins.data(), MPI_CHAR, everyone, &request), "MPI_Iallgatherv");
+  refuse(MPI_Iallgatherv(bytes.data(), size, MPI_CHAR, all.data(), sizes.data(), begins.data(), MPI_CHAR, groups[group_], &request), "MPI_Iallgatherv");
   wait_for(request);
   std::vector<std::string> result;
   for (uint32_t r = 0; r < count_; ++r) result.push_back(all.substr(static_cast<std::size_t>(begins[r]), static_cast<std::size_t>(sizes[r])));
@@ -251,7 +272,7 @@ std::vector<std::string> Ranks::gather(const std::string& bytes) const {
 void Ranks::wait_for_all() const {
   if (count_ == 1) return;
   MPI_Request request;
-  refuse(MPI_Ibarrier(everyone, &request), "MPI_Ibarrier");
+  refuse(MPI_Ibarrier(groups[group_], &request), "MPI_Ibarrier");
   wait_for(request);
 }
 
@@ -264,7 +285,7 @@ bool Ranks::share(uint64_t count, const std::function<bool(uint64_t)>& work) con
   // The next number lies with the first rank, and whoever is free takes it from there.
   uint64_t* next = nullptr;
   MPI_Win window;
-  refuse(MPI_Win_allocate(first() ? sizeof *next : 0, sizeof *next, MPI_INFO_NULL, everyone, &next, &window), "MPI_Win_allocate");
+  refuse(MPI_Win_allocate(first() ? sizeof *next : 0, sizeof *next, MPI_INFO_NULL, groups[group_], &next, &window), "MPI_Win_allocate");
   if (first()) *next = 0;
   wait_for_all();
   const auto take = [&](uint64_t step) {
@@ -303,6 +324,8 @@ void Ranks::sum(std::span<float>) const {}
 void Ranks::sum(std::span<double>) const {}
 void Ranks::sum(std::span<uint32_t>) const {}
 void Ranks::broadcast(std::string&) const {}
+void Ranks::broadcast(std::span<float>) const {}
+Ranks Ranks::first_ranks(uint32_t) const { return {}; }
 std::vector<std::string> Ranks::gather(const std::string& bytes) const { return {bytes}; }
 void Ranks::wait_for_all() const {}
 

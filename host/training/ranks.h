@@ -31,6 +31,8 @@ class Ranks {
   uint32_t rank() const { return rank_; }
   uint32_t count() const { return count_; }
   bool first() const { return rank_ == 0; }
+  // Collective: the first `count` of them, as ranks of their own; on the others one alone, that none of this is said to.
+  Ranks first_ranks(uint32_t count) const;
   uint32_t on_machine() const { return on_machine_; }  // number of this rank among those of its machine
 
   // This rank's part of `count` things, shared out in whole `unit`s in the order of the ranks, as evenly, or as near to their
@@ -50,8 +52,9 @@ class Ranks {
   void sum(std::span<uint32_t> values) const;
   // Collective: the sum of `own` over the ranks before this one.
   uint64_t before(uint64_t own) const;
-  // Collective: what the first rank has, on all of them.
+  // Collective: what the first rank has, on all of them; of numbers as many on each.
   void broadcast(std::string& bytes) const;
+  void broadcast(std::span<float> values) const;
   uint64_t broadcast(uint64_t number) const;
   // Collective: every rank's, by rank.
   std::vector<std::string> gather(const std::string& bytes) const;
@@ -69,6 +72,7 @@ class Ranks {
  private:
   uint32_t rank_ = 0, count_ = 1, on_machine_ = 0;
   std::vector<uint32_t> shares_;
+  std::size_t group_ = 0;  // of the process's MPI communicators
 };
 
 }  // namespace arah

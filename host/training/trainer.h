@@ -68,8 +68,8 @@ class Trainer {
     uint64_t bytes = 0;
   };
   const ExchangeTimes& exchange_times() const { return exchange_; }
-  // To measure what that is worth: the exchange waits for the end of the way back from now on. The same bits come out.
-  void exchange_after_the_way_back() { exchange_beside_ = false; }
+  // To measure what that is worth: whether the exchange begins beside the way back, or after it. The same bits come out.
+  void set_exchange_beside(bool beside) { exchange_beside_ = beside; }
   uint32_t passes() const { return (rays_.size() + pass_rays_ - 1) / pass_rays_; }  // in which a step's rays go, one after the other, at least
   double done() const { return done_; }
 

@@ -2,7 +2,6 @@
 // weights, so that what lies behind these (FiLM, a low-rank change by the pose, a hypernetwork's outer products) is done on all
 // ranks alike and its 85 million gradients never travel.
 #include <chrono>
-#include <cstring>
 #include <span>
 
 #include "host/training/loss_slots.h"
@@ -102,16 +101,12 @@ void Trainer::add_up_step(std::vector<PoseGradients>& pose_gradients) {
 
 void Trainer::follow_first() {
   const BufferSlice parameters = networks_.parameters().elements(0, networks_.layout().floats);
-  std::string bytes;
-  if (ranks_.first()) {
-    const auto values = device_.download<float>(parameters);
-    bytes.assign(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
-  }
+  auto values = device_.download<float>(parameters);
   const auto start = std::chrono::steady_clock::now();
-  ranks_.broadcast(bytes);
+  ranks_.broadcast(std::span(values));
   exchange_.seconds += elapsed(start);
-  exchange_.bytes += bytes.size();
-  if (!ranks_.first()) device_.upload(parameters, bytes.data(), bytes.size());
+  exchange_.bytes += 4 * values.size();
+  if (!ranks_.first()) device_.upload(parameters, values);
 }
 
 BadValues Trainer::of_all_ranks(const BadValues& found) {

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <deque>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "host/avatar/avatar_file.h"
@@ -254,12 +254,8 @@ class TrainingRun {
 
   // Every rank gets the first one's avatar as it was fitted, or learns that its fit was stopped.
   bool fit_of_first(Avatar& avatar, bool whole) const {
-    if (ranks_.count() == 1) return whole;
-    std::string bytes;
-    if (ranks_.first() && whole) bytes.assign(reinterpret_cast<const char*>(avatar.parameters.data()), avatar.parameters.size() * sizeof(float));
-    ranks_.broadcast(bytes);
-    if (bytes.empty()) return false;
-    std::memcpy(avatar.parameters.data(), bytes.data(), bytes.size());
+    if (!ranks_.broadcast(whole ? 1 : 0)) return false;
+    ranks_.broadcast(std::span(avatar.parameters));
     return true;
   }
 
