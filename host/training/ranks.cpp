@@ -20,29 +20,17 @@
 #endif
 
 namespace arah {
-namespace {
-
-// before(r): sum of the shares of the ranks before r.
-Ranks::Part part_of(uint64_t count, uint64_t unit, uint64_t rank, uint64_t ranks, const std::function<uint64_t(uint64_t)>& before) {
-  const uint64_t units = (count + unit - 1) / unit;
-  const auto at = [&](uint64_t r) {
-    uint64_t first = units * before(r) / before(ranks);
-    if (units >= ranks) first = std::clamp(first, r, units - (ranks - r));
-    return static_cast<uint32_t>(std::min(count, first * unit));
+Ranks::Part Ranks::part_of(uint32_t count, uint32_t unit, uint32_t rank, const std::vector<uint32_t>& shares) {
+  const uint64_t ranks = shares.size(), units = (uint64_t{count} + unit - 1) / unit, all = std::accumulate(shares.begin(), shares.end(), uint64_t{0});
+  const auto begin = [&](uint64_t r) {
+    const uint64_t before = std::accumulate(shares.begin(), shares.begin() + static_cast<std::ptrdiff_t>(r), uint64_t{0});
+    const uint64_t first = units >= ranks ? r + (units - ranks) * before / all : units * before / all;
+    return static_cast<uint32_t>(std::min<uint64_t>(count, first * unit));
   };
-  return {at(rank), at(rank + 1)};
+  return {begin(rank), begin(rank + 1)};
 }
 
-Ranks::Part even_part(uint64_t count, uint64_t unit, uint64_t rank, uint64_t ranks) {
-  return part_of(count, unit, rank, ranks, [](uint64_t r) { return r; });
-}
-
-}  // namespace
-
-Ranks::Part Ranks::part(uint32_t count, uint32_t unit) const {
-  if (shares_.empty()) return even_part(count, unit, rank_, count_);
-  return part_of(count, unit, rank_, count_, [&](uint64_t r) { return std::accumulate(shares_.begin(), shares_.begin() + static_cast<std::ptrdiff_t>(r), uint64_t{0}); });
-}
+Ranks::Part Ranks::part(uint32_t count, uint32_t unit) const { return part_of(count, unit, rank_, shares_.empty() ? std::vector<uint32_t>(count_, 1) : shares_); }
 
 void Ranks::set_shares(std::vector<uint32_t> shares) {
   const bool some = !shares.empty();
@@ -147,8 +135,9 @@ void sum_in_order(std::span<Number> values, MPI_Datatype type, uint32_t rank, ui
     const std::span<Number> some = values.subspan(first, std::min(numbers_at_a_time, values.size() - first));
     // Rank r adds up part r, of which it gets everyone's.
     std::vector<int> counts, begins;
+    const std::vector<uint32_t> even(ranks, 1);
     for (uint32_t r = 0; r < ranks; ++r) {
-      const Ranks::Part part = even_part(some.size(), 1, r, ranks);
+      const Ranks::Part part = Ranks::part_of(static_cast<uint32_t>(some.size()), 1, r, even);
       counts.push_back(static_cast<int>(part.size()));
       begins.push_back(static_cast<int>(part.begin));
     }

@@ -42,6 +42,7 @@ class Ranks {
     uint32_t size() const { return end - begin; }
   };
   Part part(uint32_t count, uint32_t unit = 1) const;
+  static Part part_of(uint32_t count, uint32_t unit, uint32_t rank, const std::vector<uint32_t>& shares);  // one share a rank
   // By rank, whole numbers from 1 on, the same on all ranks. Throws InputError where they are not.
   void set_shares(std::vector<uint32_t> shares);
   const std::vector<uint32_t>& shares() const { return shares_; }  // empty: even ones

@@ -4,10 +4,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 #include "host/avatar/avatar_file.h"
@@ -75,11 +77,33 @@ class RanksStory : public testing::Test {
   }
   static SafetensorsFile checkpoint(const std::string& run, uint64_t step) { return read_safetensors(at(fmt::format("{}/checkpoints/step_{:08}.safetensors", run, step))); }
 
-  // |a - b| / |b|, Euclidean.
-  static double difference(const std::vector<double>& a, const std::vector<double>& b) {
+  // |a - b| / |b|, Euclidean, of the numbers from `begin` to before `end`.
+  static double difference(const std::vector<double>& a, const std::vector<double>& b, uint64_t begin = 0, uint64_t end = ~uint64_t{0}) {
     double apart = 0, size = 0;
-    for (size_t i = 0; i < b.size(); ++i) apart += (a.at(i) - b[i]) * (a.at(i) - b[i]), size += b[i] * b[i];
-    return std::sqrt(apart / size);
+    for (size_t i = begin; i < std::min<uint64_t>(end, b.size()); ++i) apart += (a.at(i) - b[i]) * (a.at(i) - b[i]), size += b[i] * b[i];
+    return size > 0 ? std::sqrt(apart / size) : apart;
+  }
+  // Adam's first moments after one step from the same state are a tenth of the gradients and what was there: of each group of
+  // parameters, and of the poses, they are the same but for sums of floats in another grouping.
+  static void expect_same_gradients(const std::string& of_several, const std::string& of_one, uint64_t step = 1, bool of_density = true) {
+    const SafetensorsFile several = checkpoint(of_several, step), one = checkpoint(of_one, step);
+    const auto moments = one.at("optimizer.first_moments").as<double>(), shared = several.at("optimizer.first_moments").as<double>();
+    std::string found;
+    for (const ParameterGroup& group : avatar_from_tensors(one).layout.groups) {
+      if (group.size() == 0) continue;
+      const double apart = difference(shared, moments, group.begin, group.end);
+      found += fmt::format(" {} {:.2g}", group.name, apart);
+      EXPECT_LT(apart, 1e-5) << of_several << ": " << group.name;
+      const bool some = std::any_of(moments.begin() + static_cast<std::ptrdiff_t>(group.begin), moments.begin() + static_cast<std::ptrdiff_t>(group.end), [](double m) { return m != 0; });
+      EXPECT_EQ(some, of_density || group.name != "deviation") << group.name;
+    }
+    if (one.tensors.contains("optimizer.pose_first_moments")) {
+      const double apart = difference(several.at("optimizer.pose_first_moments").as<double>(), one.at("optimizer.pose_first_moments").as<double>());
+      found += fmt::format(" poses {:.2g}", apart);
+      EXPECT_LT(apart, 1e-5) << of_several << ": poses";
+    }
+    std::printf("  %s:%s apart\n", of_several.c_str(), found.c_str());
+    std::fflush(stdout);
   }
 
   static TemporaryFolder* folder_;
@@ -92,22 +116,18 @@ TEST_F(RanksStory, TrainAsOneRankDoesWithinTheSumsRounding) {
     const Outcome trained = arah(ranks, training(fmt::format("of_{}", ranks), 1));
     ASSERT_EQ(trained.code, 0) << trained.errors;
   }
-  // After one step Adam's first moments are a tenth of the gradients.
   const SafetensorsFile one = checkpoint("of_1", 1);
   const double loss = logged_steps(RunFolder(at("of_1"))).at(0).total, color = logged_steps(RunFolder(at("of_1"))).at(0).color;
   for (const int ranks : {2, 3}) {
     const std::string run = fmt::format("of_{}", ranks);
     const SafetensorsFile several = checkpoint(run, 1);
     const LoggedStep step = logged_steps(RunFolder(at(run))).at(0);
-    EXPECT_NEAR(step.total, loss, 2e-6 * loss);
-    EXPECT_NEAR(step.color, color, 2e-6 * color);
-    for (const char* moments : {"optimizer.first_moments", "optimizer.pose_first_moments"}) {
-      const double apart = difference(several.at(moments).as<double>(), one.at(moments).as<double>());
-      std::printf("  %d ranks: loss %.3g of it apart, %s %.3g\n", ranks, std::abs(step.total - loss) / loss, moments, apart);
-      EXPECT_LT(apart, 2e-5) << moments;
-    }
+    // Sums of floats in another grouping: measured 4e-7 of the gradients, 3e-8 of the loss.
+    EXPECT_NEAR(step.total, loss, 2e-7 * loss);
+    EXPECT_NEAR(step.color, color, 2e-7 * color);
+    expect_same_gradients(run, "of_1");
     // As many places in pictures were seen, and with the same errors but for rounding.
-    EXPECT_LT(difference(several.at("training.ray_importance").as<double>(), one.at("training.ray_importance").as<double>()), 1e-5);
+    EXPECT_LT(difference(several.at("training.ray_importance").as<double>(), one.at("training.ray_importance").as<double>()), 1e-6);
   }
 }
 
@@ -132,7 +152,8 @@ TEST_F(RanksStory, RepeatBitForBitAndGoOnAsAnotherNumber) {
   for (const char* run : {"on_one", "on_three"}) {
     const double apart = difference(parameters(run), parameters("first"));
     std::printf("  %s from step 3 to 6: parameters %.3g apart\n", run, apart);
-    EXPECT_LT(apart, 1e-4);
+    std::fflush(stdout);
+    EXPECT_LT(apart, 3e-4);  // Adam divides small gradients by their own size, and rounding with them: measured 6e-5
   }
 }
 
@@ -141,9 +162,82 @@ TEST_F(RanksStory, SurfaceRenderingToo) {
     const Outcome trained = arah(ranks, training(fmt::format("surface_{}", ranks), 1, {"rendering=surface", "alpha_weight=0", "pose_refinement=false"}));
     ASSERT_EQ(trained.code, 0) << trained.errors;
   }
-  const double apart = difference(checkpoint("surface_2", 1).at("optimizer.first_moments").as<double>(), checkpoint("surface_1", 1).at("optimizer.first_moments").as<double>());
-  std::printf("  surface rendering: first moments %.3g apart\n", apart);
-  EXPECT_LT(apart, 2e-5);
+  expect_same_gradients("surface_2", "surface_1", 1, false);
+}
+
+// What lies behind the SDF's weights is worked out on every rank from gradients that were added up before it, of two frames a step.
+TEST_F(RanksStory, TheSdfMayFollowCodeAndPose) {
+  for (const std::string pose : {"low_rank", "hypernetwork"}) {
+    const std::vector<std::string> settings{"spec.sdf.pose=" + pose, "spec.sdf.pose_width=16", "spec.sdf.pose_hidden_layers=1", "spec.sdf.conditioning=latent", "spec.sdf.mapping_width=16", "spec.sdf.mapping_hidden_layers=1",
+                                            "frames_per_step=2", "hyper.freeze=0", "hyper.warm_up=0", "hyper_last.freeze=0", "hyper_last.warm_up=0", "parameter_weight=1e-3", "ray_importance=0"};
+    // After some steps, because the pose's last layers begin at 0 and pass nothing on.
+    std::vector<std::string> start = training(pose + "_1", 4, settings);
+    start.insert(start.end(), {"--stop-at", "3"});
+    EXPECT_NE(arah(1, start).code, 0);
+    fs::copy(at(pose + "_1"), at(pose + "_2"), fs::copy_options::recursive);
+    for (const int ranks : {1, 2}) {
+      const Outcome trained = arah(ranks, {"train", at("capture"), "-o", at(fmt::format("{}_{}", pose, ranks)), "--resume"});
+      ASSERT_EQ(trained.code, 0) << trained.errors;
+    }
+    const double loss = logged_steps(RunFolder(at(pose + "_1"))).back().total;
+    EXPECT_NEAR(logged_steps(RunFolder(at(pose + "_2"))).back().total, loss, 2e-7 * loss);
+    expect_same_gradients(pose + "_2", pose + "_1", 4);
+  }
+}
+
+// The second rank's device calls itself by another name and rounds differently: vectors of 512 bits.
+TEST_F(RanksStory, UnequalDevicesShareByTheirSpeed) {
+  std::vector<std::string> words = on(1, training("unequal", 3)), other = on(1, training("unequal", 3));
+  words.push_back(":");
+  other.insert(other.begin() + 2, {"env", "LP_NATIVE_VECTOR_WIDTH=512"});
+  words.insert(words.end(), other.begin(), other.end());
+  const Outcome trained = Program({}, folder_->path(), mpirun(words)).wait();
+  if (trained.errors.find("no usable Vulkan device") != std::string::npos) GTEST_SKIP() << "there is no second kind of device here";
+  ASSERT_EQ(trained.code, 0) << trained.errors;  // the ranks' parameters are the same at the end, or they say so
+  const std::size_t told = trained.errors.find("shares of the ranks in these: ");
+  ASSERT_NE(told, std::string::npos) << trained.errors;
+  const Outcome again = arah(2, [&] {
+    std::vector<std::string> same = training("told", 1);
+    const std::size_t begin = told + std::strlen("shares of the ranks in these: ");
+    same.insert(same.end(), {"--shares", trained.errors.substr(begin, trained.errors.find('\n', begin) - begin)});
+    return same;
+  }());
+  ASSERT_EQ(again.code, 0) << again.errors;
+  const double loss = logged_steps(RunFolder(at("unequal"))).at(0).total;
+  EXPECT_NEAR(logged_steps(RunFolder(at("told"))).at(0).total, loss, 1e-5 * loss);
+
+  std::vector<std::string> uneven = training("uneven", 1);
+  uneven.insert(uneven.end(), {"--shares", "1,2,3"});
+  const Outcome refused = arah(2, uneven);
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.errors, HasSubstr("shares: expected 2, one a rank, each from 1 on, found 1,2,3."));
+}
+
+TEST_F(RanksStory, CtrlCLeavesACheckpoint) {
+  Program program({}, folder_->path(), mpirun(on(2, training("stopped", 100000, {"checkpoint_minutes=100"}))));
+  while (program.running() && (!fs::exists(at("stopped/events.jsonl")) || read_all(at("stopped/events.jsonl")).find("\"step\"") == std::string::npos)) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  program.signal(SIGINT);
+  const Outcome outcome = program.wait();
+  EXPECT_NE(outcome.code, 0);
+  EXPECT_THAT(outcome.errors, HasSubstr("continue with --resume"));
+  EXPECT_TRUE(RunFolder(at("stopped")).newest_checkpoint());
+}
+
+TEST_F(RanksStory, BenchMeasuresEachNumberOfRanks) {
+  const Outcome bench = arah(2, {"bench", "--mpi", "--quick", "--json", at("ranks.json"), "--plots", at("plots")});
+  ASSERT_EQ(bench.code, 0) << bench.errors;
+  const auto json = nlohmann::json::parse(read_all(at("ranks.json")));
+  const auto& work = json.at("works").at(0);
+  ASSERT_EQ(work.at("points").size(), 2u);
+  EXPECT_GT(json.at("gigabytes_per_second").get<double>(), 0);
+  // Each number that the step learns travels once, as a float, with some padding and the step's losses and counts.
+  const double bytes = work.at("bytes"), gradients = work.at("bytes_of_gradients");
+  EXPECT_GT(bytes, 0.9 * gradients);
+  EXPECT_LT(bytes, 1.1 * gradients);
+  for (const auto& point : work.at("points")) EXPECT_GT(point.at("step_milliseconds").get<double>(), 0);
+  EXPECT_GT(work.at("points").at(1).at("exchange_milliseconds").get<double>(), 0);
+  EXPECT_EQ(work.at("points").at(0).at("exchange_milliseconds").get<double>(), 0) << "one rank exchanges nothing";
+  EXPECT_THAT(read_all(at("plots/ranks-tiny.svg")), HasSubstr("measured: "));
 }
 
 TEST_F(RanksStory, RanksThatWouldNotTrainTheSameAreRefused) {

@@ -206,6 +206,22 @@ TEST_F(Vulkan, FillAndCopyAreSeenByWhatFollows) {
   EXPECT_THROW(commands.copy(a.slice(), b.slice().sub(0, 4)), std::invalid_argument);
 }
 
+TEST_F(Vulkan, TheHostMayWorkWhileCommandsRun) {
+  const std::vector<uint32_t> numbers{7, 8, 9, 10};
+  Buffer source(device, "from", 16, BufferPlace::device), target(device, "to", 16, BufferPlace::device);
+  const BufferSlice from = source.slice().elements(0, 4), to = target.slice().elements(0, 4);
+  device.upload(from, numbers);
+  commands.wait();  // nothing runs
+  commands.copy(from, to);
+  commands.submit();
+  EXPECT_THROW(commands.fill(from, 0), std::logic_error);
+  commands.wait();
+  EXPECT_EQ(device.download<uint32_t>(to), numbers);
+  commands.fill(to, 5);
+  commands.submit_and_wait();
+  EXPECT_EQ(device.download<uint32_t>(to), std::vector<uint32_t>(4, 5));
+}
+
 TEST_F(Vulkan, AMovedBufferKeepsItsMemoryAndItsPlaceInTheLedger) {
   const uint64_t before = device.allocated_bytes();
   {
