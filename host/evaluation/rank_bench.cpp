@@ -28,7 +28,8 @@ class RankWorks {
   RankBench run() {
     bench_.device = fmt::format("{} ({})", device_.report().name, device_.report().driver);
     measure_links();
-    const TrainingSettings tiny = bench_step_settings("tiny", 60, 200);
+    TrainingSettings tiny = bench_step_settings("tiny", 60, 200);
+    tiny.rays *= 4;  // much of its own step is no ray's
     work("tiny", fmt::format("preset tiny, {} rays x {} samples", tiny.rays, tiny.sampling.samples), preset_spec("tiny"), tiny);
     if (settings_.with_paper) {
       TrainingSettings papers = bench_step_settings("paper", 2, 2);
@@ -69,10 +70,11 @@ class RankWorks {
 
   // Steps of these ranks, of each kind in turns, so that a busy machine slows both alike.
   RankBenchPoint point(const Avatar& avatar, const TrainingSettings& training, const Ranks& group, uint64_t* bytes = nullptr) {
+    const uint32_t part = avatar.spec.preset == "paper" ? 2 : 1, warm_up = settings_.warm_up / part, steps = settings_.steps / part;
     Trainer trainer(device_, subject_.capture(), avatar, training, group);
-    uint64_t left = 2 * (settings_.warm_up + settings_.steps);
+    uint64_t left = 2 * (warm_up + steps);
     std::vector<double> step, in_turns, exchange, beside;
-    for (uint32_t i = 0; i < settings_.warm_up + settings_.steps; ++i)
+    for (uint32_t i = 0; i < warm_up + steps; ++i)
       for (const bool begin_beside : {true, false}) {
         trainer.set_exchange_beside(begin_beside);
         const Trainer::ExchangeTimes before = trainer.exchange_times();
@@ -81,7 +83,7 @@ class RankWorks {
         const double milliseconds = milliseconds_since(began);
         const Trainer::ExchangeTimes& after = trainer.exchange_times();
         if (bytes) *bytes = after.bytes - before.bytes;
-        if (i < settings_.warm_up) continue;
+        if (i < warm_up) continue;
         (begin_beside ? step : in_turns).push_back(milliseconds);
         if (begin_beside) exchange.push_back(1e3 * (after.seconds - before.seconds)), beside.push_back(1e3 * (after.beside - before.beside));
       }
@@ -93,7 +95,7 @@ class RankWorks {
     start(name);
     Avatar avatar = bench_avatar(device_, subject_.capture(), spec, training);
     ranks_.broadcast(std::span(avatar.parameters));
-    RankBenchWork work{name, description, training.rays, 0, 4 * avatar.layout.parameter_count(), 0, {}};
+    RankBenchWork work{name, description, training.rays, preset_settings(name).rays, 0, 4 * avatar.layout.parameter_count(), 0, {}};
     for (const Ranks& group : groups_) {
       ranks_.wait_for_all();
       if (ranks_.rank() >= group_size(group)) continue;
@@ -126,10 +128,10 @@ RankBench run_rank_bench(Device& device, const Ranks& ranks, const RankBenchSett
   return RankWorks(device, ranks, settings, progress).run();
 }
 
-double modelled_step(const RankBenchWork& work, uint64_t bytes, uint32_t ranks, const Link& link, double compute) {
-  const double whole = work.points.at(0).step, rays = std::clamp((whole - work.part_step) * part_of_rays / (part_of_rays - 1.0), 0.0, whole);
+double modelled_step(const RankBenchWork& work, uint32_t rays, uint64_t bytes, uint32_t ranks, const Link& link, double compute) {
+  const double whole = work.points.at(0).step, of_rays = std::clamp((whole - work.part_step) * part_of_rays / (part_of_rays - 1.0), 0.0, whole);
   const double n = ranks;
-  return compute * (whole - rays + rays / n) + 2 * (n - 1) / n * double(bytes) * 8 / (link.gigabits * 1e9) * 1e3 + 2 * collectives * (n - 1) * link.microseconds * 1e-3;
+  return compute * (whole - of_rays + of_rays * rays / work.rays / n) + 2 * (n - 1) / n * double(bytes) * 8 / (link.gigabits * 1e9) * 1e3 + 2 * collectives * (n - 1) * link.microseconds * 1e-3;
 }
 
 std::string rank_bench_table(const RankBench& bench) {
@@ -153,7 +155,7 @@ std::string rank_bench_json(const RankBench& bench) {
     nlohmann::ordered_json points = nlohmann::ordered_json::array();
     for (const RankBenchPoint& point : work.points)
       points.push_back({{"ranks", point.ranks}, {"step_milliseconds", point.step}, {"exchange_milliseconds", point.exchange}, {"beside_milliseconds", point.beside}, {"step_with_exchange_after_milliseconds", point.step_in_turns}});
-    works.push_back({{"name", work.name}, {"description", work.description}, {"rays", work.rays}, {"bytes", work.bytes}, {"bytes_of_gradients", work.bytes_of_gradients},
+    works.push_back({{"name", work.name}, {"description", work.description}, {"rays", work.rays}, {"rays_of_preset", work.rays_of_preset}, {"bytes", work.bytes}, {"bytes_of_gradients", work.bytes_of_gradients},
                      {"part_step_milliseconds", work.part_step}, {"points", points}});
   }
   return nlohmann::ordered_json{{"device", bench.device}, {"gigabytes_per_second", bench.gigabytes}, {"latency_microseconds", bench.microseconds}, {"works", works}}.dump(2) + "\n";
@@ -169,15 +171,17 @@ Plot scaling_plot(const RankBench& bench, const RankBenchWork& work) {
     for (const uint32_t n : {1u, 2u, 3u, 4u, 6u, 8u, 12u, 16u, 24u, 32u, 48u, 64u}) line.points.push_back({double(n), speed(n), fmt::format("{}, {} ranks: {:.2f}", label, n, speed(n))});
     plot.series.push_back(line);
   };
-  const auto modelled = [&](uint64_t bytes, const Link& link, double compute) {
-    return [&work, bytes, link, compute](uint32_t n) { return modelled_step(work, bytes, 1, link, compute) / modelled_step(work, bytes, n, link, compute); };
+  const auto modelled = [&](uint32_t rays, uint64_t bytes, const Link& link, double compute) {
+    return [&work, rays, bytes, link, compute](uint32_t n) { return modelled_step(work, rays, bytes, 1, link, compute) / modelled_step(work, rays, bytes, n, link, compute); };
   };
   PlotSeries measured{fmt::format("measured: {}", bench.device), {}};
   for (const RankBenchPoint& point : work.points) measured.points.push_back({double(point.ranks), work.points[0].step / point.step, fmt::format("measured, {} ranks: {:.2f}", point.ranks, work.points[0].step / point.step)});
   plot.series.push_back(measured);
-  for (const Link& link : {ethernet, infiniband}) series(fmt::format("modelled: this device, {}", link.name), modelled(work.bytes, link, 1));
-  for (const Link& link : {ethernet, infiniband}) series(fmt::format("modelled: one a hundred times as fast, {}", link.name), modelled(work.bytes, link, fast));
-  if (work.bytes_of_gradients > 2 * work.bytes) series(fmt::format("the same without factors, {}", infiniband.name), modelled(work.bytes_of_gradients, infiniband, fast));
+  for (const Link& link : {ethernet, infiniband}) series(fmt::format("modelled, {}", link.name), modelled(work.rays, work.bytes, link, 1));
+  const uint32_t rays = work.rays_of_preset;
+  if (rays != work.rays) series(fmt::format("modelled: the preset's {} rays, {}", rays, ethernet.name), modelled(rays, work.bytes, ethernet, 1));
+  for (const Link& link : {ethernet, infiniband}) series(fmt::format("modelled: {} rays, devices x 100, {}", rays, link.name), modelled(rays, work.bytes, link, fast));
+  if (work.bytes_of_gradients > 2 * work.bytes) series("the last one without factors", modelled(rays, work.bytes_of_gradients, infiniband, fast));
   return plot;
 }
 

@@ -13,9 +13,9 @@
 namespace arah {
 
 struct RankBenchSettings {
-  uint32_t warm_up = 4, steps = 12;  // of each kind of step; the medians count
+  uint32_t warm_up = 4, steps = 12;  // of each kind of step; the medians count. Of the preset paper half of these
   bool with_paper = true;            // the preset paper in its whole size too: 1.5 GB a rank
-  uint32_t papers_rays = 256;        // of its step, a multiple of 64
+  uint32_t papers_rays = 256;        // of its measured step, a multiple of 256
 };
 
 // A step's times with so many ranks, milliseconds. The numbers of a step that are added up take 2 (n - 1) / n times their bytes in and
@@ -31,6 +31,7 @@ struct RankBenchPoint {
 struct RankBenchWork {
   std::string name, description;
   uint32_t rays = 0;                // of a step, of all ranks together
+  uint32_t rays_of_preset = 0;
   uint64_t bytes = 0;               // added up in a step
   uint64_t bytes_of_gradients = 0;  // that a step without factors would add up: of every parameter that it learns
   double part_step = 0;             // one rank's with a quarter of the rays
@@ -49,20 +50,20 @@ struct RankBench {
 // of the capture cannot be written, InputError where a step has too few rays for so many ranks.
 RankBench run_rank_bench(Device& device, const Ranks& ranks, const RankBenchSettings& settings, const std::function<void(const std::string&)>& progress = {});
 
-// A step of n ranks, milliseconds: what of it no rank is spared, a share of its rays, and the exchange, of which nothing is taken
-// to happen beside the way back: T(n) = fixed + rays / n + 2 (n - 1) / n bytes / rate + 2 collectives (n - 1) latency.
-// fixed and rays come from one rank's step and from that with a quarter of the rays.
+// A step of n ranks and so many rays, milliseconds: what of it no rank is spared, a share of its rays, and the exchange, of which
+// nothing is taken to happen beside the way back: T(n) = compute (fixed + per_ray rays / n) + 2 (n - 1) / n bytes / rate + 2
+// collectives (n - 1) latency. fixed and per_ray come from one rank's step and from that with a quarter of the rays.
 struct Link {
   std::string name;
   double gigabits = 10;      // a second, each way
   double microseconds = 20;  // from one rank to another
 };
-double modelled_step(const RankBenchWork& work, uint64_t bytes, uint32_t ranks, const Link& link, double compute = 1);
+double modelled_step(const RankBenchWork& work, uint32_t rays, uint64_t bytes, uint32_t ranks, const Link& link, double compute = 1);
 
 std::string rank_bench_table(const RankBench& bench);
 std::string rank_bench_json(const RankBench& bench);
-// How many times as fast as one rank: measured, and modelled for 1 to 64 ranks over links of 10 and 100 Gb/s, also with devices
-// that are a hundred times as fast as this one, and there without factors.
+// How many times as fast as one rank: measured, and modelled for 1 to 64 ranks over links of 10 and 100 Gb/s, also with the preset's
+// rays and devices that are a hundred times as fast as this one, and there without factors.
 Plot scaling_plot(const RankBench& bench, const RankBenchWork& work);
 
 }  // namespace arah
