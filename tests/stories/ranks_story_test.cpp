@@ -241,13 +241,24 @@ TEST_F(RanksStory, BenchMeasuresEachNumberOfRanks) {
 }
 
 TEST_F(RanksStory, RanksThatWouldNotTrainTheSameAreRefused) {
-  std::vector<std::string> words = on(1, training("mixed", 2, {"eikonal_points=64"})), other = on(1, training("mixed", 2, {"eikonal_points=65"}));
-  words.push_back(":");
-  words.insert(words.end(), other.begin(), other.end());
-  const Outcome mixed = Program({}, folder_->path(), mpirun(words)).wait();
-  EXPECT_EQ(mixed.code, 2) << mixed.errors;
-  EXPECT_THAT(mixed.errors, HasSubstr("arah (rank 0 of 2): rank 1: setting eikonal_points: expected what rank 0 has, 64, found 65."));
-  EXPECT_FALSE(fs::exists(at("mixed")));
+  const auto refusal = [&](const std::vector<std::string>& of_first, const std::vector<std::string>& of_second) {
+    std::vector<std::string> words = on(1, of_first), other = on(1, of_second);
+    words.push_back(":");
+    words.insert(words.end(), other.begin(), other.end());
+    const Outcome mixed = Program({}, folder_->path(), mpirun(words)).wait();
+    EXPECT_EQ(mixed.code, 2) << mixed.errors;
+    EXPECT_FALSE(fs::exists(at("mixed")));
+    return mixed.errors;
+  };
+  const std::vector<std::string> usual = training("mixed", 2);
+  EXPECT_THAT(refusal(usual, training("mixed", 2, {"eikonal_points=65"})), HasSubstr("arah (rank 0 of 2): rank 1: setting eikonal_points: expected what rank 0 has, 256, found 65."));
+  EXPECT_THAT(refusal(usual, training("mixed", 2, {"spec.sdf.width=32"})), HasSubstr("arah (rank 0 of 2): rank 1: spec sdf: expected what rank 0 has, "));
+  // Another picture of the same name and size.
+  fs::copy(at("capture"), at("other_capture"), fs::copy_options::recursive);
+  fs::copy_file(at("capture/images/train/cam_00/000001.png"), at("other_capture/images/train/cam_00/000000.png"), fs::copy_options::overwrite_existing);
+  std::vector<std::string> other = usual;
+  other[1] = at("other_capture");
+  EXPECT_THAT(refusal(usual, other), HasSubstr("arah (rank 0 of 2): rank 1: capture: images/train/cam_00: expected what rank 0 has, "));
 
   const Outcome few = arah(3, training("few", 2, {"rays=128"}));
   EXPECT_EQ(few.code, 2) << few.errors;
