@@ -172,6 +172,12 @@ std::string describe(const Avatar& avatar) {
     }
   }
   say("  learned numbers: {} ({})", grouped(avatar.layout.parameter_count()), fmt::join(sizes, ", "));
+  float largest = 0;
+  std::string of;
+  for (const TensorSlot& slot : avatar.layout.slots)
+    for (const float value : avatar.tensor(slot.name))
+      if (std::abs(value) > largest) largest = std::abs(value), of = slot.name;
+  say("  largest of them: {:.4g}, in tensor \"{}\"", largest, of);
   return fmt::format("{}\n", fmt::join(lines, "\n"));
 }
 

@@ -69,7 +69,7 @@ std::vector<float> pose_input(const Avatar& avatar, const Pose& pose);
 // Throws std::runtime_error naming the first tensor and element that is NaN or infinite.
 void check_finite(const Avatar& avatar);
 
-// What the avatar is, in lines of text: parts, sizes, learned numbers of each group.
+// What the avatar is, in lines of text: parts, sizes, learned numbers of each group and the largest of all.
 std::string describe(const Avatar& avatar);
 
 }  // namespace arah

@@ -22,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCirclingSize = 512, kTurn = 60;  // pixels; pictures of a turn around one pose
+constexpr std::size_t kNamedBadPictures = 5;  // on lines of their own
 
 struct AnimateOptions {
   fs::path avatar, out, cameras;
@@ -104,6 +105,7 @@ int animate(const AnimateOptions& options) {
 
   fs::path working = options.out;
   if (options.video()) working += ".frames";
+  std::size_t bad_pictures = 0;
   const AnimationFolder folder(working, avatar, animation);
   const std::size_t before = folder.done();
   Progress progress("animate", double(frames.size()), "frames", double(before));
@@ -111,12 +113,16 @@ int animate(const AnimateOptions& options) {
   if (before < frames.size()) {
     Device device(options.device);
     const Interrupt interrupt;
+    animation.on_bad_pixels = [&](const fs::path& picture, const BadPixels& bad) {
+      if (++bad_pictures <= kNamedBadPictures) progress.say(warning_of(bad, picture.string(), options.avatar.string()));
+    };
     const bool whole = folder.render(device, avatar, [&](double done) {
       progress.update(done);
       return !interrupt.wanted();
     });
     if (!whole) throw std::runtime_error(fmt::format("stopped after {} of {} frames; the same call goes on", folder.done(), frames.size()));
     progress.say(shaders_text(device));
+    if (bad_pictures > kNamedBadPictures) progress.say(fmt::format("warning: {} pictures with pixels that are not finite, of which {} are named above", bad_pictures, kNamedBadPictures));
   }
   if (!options.video()) {
     progress.finish(working.string());

@@ -93,6 +93,7 @@ bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::fu
     } catch (const RenderingStopped&) {
       return false;
     }
+    if (const BadPixels bad = bad_pixels(picture); bad.count > 0 && animation_.on_bad_pixels) animation_.on_bad_pixels(path, bad);
     write_file_safely(path, picture_png(picture, animation_.normals_beside));
     if (!progress(double(++there)) && there < animation_.frames.size()) return false;
   }
