@@ -53,8 +53,22 @@ std::span<const float> Avatar::tensor(const std::string& name) const {
 
 double density_scale(const Avatar& avatar) { return std::clamp(std::abs(double{avatar.tensor("b")[0]}), 1e-6, 1e6); }
 
-Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> latent_frames, uint64_t seed,
-                   const Pose* only_pose) {
+void check_extent(const CubeNormalization& cube, const std::string& where) {
+  const double extent = cube.cmax - cube.cmin;
+  if (extent >= kLeastExtent && extent <= kLargestExtent) return;
+  std::string advice = "Its lengths must be in metres: scale them, and with them T of cameras and root positions of motions.";
+  for (const auto& [unit, metres] : {std::pair{"millimetres", 1e-3}, std::pair{"centimetres", 1e-2}, std::pair{"inches", 0.0254}, std::pair{"kilometres", 1e3}})
+    if (const double size = extent * metres; size > 0.8 && size < 2.5) {  // a person, arms and legs spread
+      advice = fmt::format("Its lengths seem to be in {}: multiply them by {:g}, and with them T of cameras and root positions of motions where they are in {} too.", unit, metres, unit);
+      break;
+    }
+  throw InputError(where, "vertices", fmt::format("a body of {} to {} m", kLeastExtent, kLargestExtent), fmt::format("one of {:.3g} m", extent), advice);
+}
+
+namespace {
+
+// where: the body's file.
+Avatar avatar_of_body(const AvatarSpec& spec, BodyTemplate body, std::vector<int> latent_frames, uint64_t seed, const Pose* only_pose, const std::string& where) {
   validate_spec(spec, "avatar");
   if (std::set<int>(latent_frames.begin(), latent_frames.end()).size() != latent_frames.size()) {
     throw std::invalid_argument("latent frames must be distinct");
@@ -72,9 +86,7 @@ Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> l
   }
   const std::vector<glm::dvec3> vertices = canonical_vertices(avatar.body, avatar.canonical);
   avatar.cube = cube_normalization(vertices);
-  const double extent = avatar.cube.cmax - avatar.cube.cmin;
-  if (!(extent >= kLeastExtent && extent <= kLargestExtent))
-    throw InputError("template", "vertices", fmt::format("a body of {} to {} m", kLeastExtent, kLargestExtent), fmt::format("one of {:.3g} m", extent), "Are its lengths in metres? Scale the template, and cameras and poses with it.");
+  check_extent(avatar.cube, where);
   avatar.grid = make_grid_extent(spec, vertices);
   if (spec.latent_size > 0) avatar.latent_frames = std::move(latent_frames);
   avatar.layout = make_parameter_layout(spec, skeleton, avatar.latent_frames.size(), avatar.grid);
@@ -82,10 +94,16 @@ Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> l
   return avatar;
 }
 
+}  // namespace
+
+Avatar make_avatar(const AvatarSpec& spec, BodyTemplate body, std::vector<int> latent_frames, uint64_t seed, const Pose* only_pose) {
+  return avatar_of_body(spec, std::move(body), std::move(latent_frames), seed, only_pose, "template");
+}
+
 Avatar make_avatar(const AvatarSpec& spec, const Capture& capture, uint64_t seed) {
   const std::vector<int> frames = training_frames(capture);
   const Pose& first = find_frame(motion_of(capture, "train"), frames.front())->pose;
-  return make_avatar(spec, capture.body_template, frames, seed, &first);
+  return avatar_of_body(spec, capture.body_template, frames, seed, &first, (capture.path / "template.glb").string());
 }
 
 std::size_t latent_row(const Avatar& avatar, int frame) {
@@ -172,6 +190,12 @@ std::string describe(const Avatar& avatar) {
     }
   }
   say("  learned numbers: {} ({})", grouped(avatar.layout.parameter_count()), fmt::join(sizes, ", "));
+  float largest = 0;
+  std::string of;
+  for (const TensorSlot& slot : avatar.layout.slots)
+    for (const float value : avatar.tensor(slot.name))
+      if (std::abs(value) > largest) largest = std::abs(value), of = slot.name;
+  say("  largest of them: {:.4g}, in tensor \"{}\"", largest, of);
   return fmt::format("{}\n", fmt::join(lines, "\n"));
 }
 

@@ -46,6 +46,8 @@ double density_scale(const Avatar& avatar);
 // Largest side of the canonical body, metres: beyond, lengths that are made for people mean nothing (a search ends at 1e-5 m, a
 // shell is 5 cm thick and must not slip between the 64 places where rays look for it, a surface is fitted from centimetres away).
 inline constexpr double kLeastExtent = 0.05, kLargestExtent = 5;
+// Throws InputError naming `where`, the size found and the unit that its lengths seem to be in.
+void check_extent(const CubeNormalization& cube, const std::string& where);
 
 // An untrained avatar with initial_parameters(). latent_frames: distinct; kept only where the spec has a latent size.
 // only_pose: the pose that becomes canonical with Skinning::none, ignored otherwise. A template without GLB bytes is
@@ -69,7 +71,7 @@ std::vector<float> pose_input(const Avatar& avatar, const Pose& pose);
 // Throws std::runtime_error naming the first tensor and element that is NaN or infinite.
 void check_finite(const Avatar& avatar);
 
-// What the avatar is, in lines of text: parts, sizes, learned numbers of each group.
+// What the avatar is, in lines of text: parts, sizes, learned numbers of each group and the largest of all.
 std::string describe(const Avatar& avatar);
 
 }  // namespace arah

@@ -230,6 +230,7 @@ Avatar avatar_from_tensors(const SafetensorsFile& file) {
   avatar.steps = metadata.number("steps");
   avatar.latent_frames = read_latent_frames(metadata, avatar.spec);
   avatar.cube = read_cube(metadata);
+  check_extent(avatar.cube, where);
   avatar.grid = read_grid(metadata, avatar.spec);
   avatar.body = read_template(file, where);
   read_shape(file, &avatar.body);

@@ -24,6 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCirclingSize = 512, kTurn = 60;  // pixels; pictures of a turn around one pose
+constexpr std::size_t kNamedBadPictures = 5;  // on lines of their own
 
 struct AnimateOptions {
   fs::path avatar, out, cameras;
@@ -109,6 +110,7 @@ int animate(const AnimateOptions& options) {
   const Ranks& ranks = Ranks::of_process();
   ranks.agree({{"version", kVersion}, {"pictures", working.string()}});
   if (!ranks.first()) ranks.wait_for_all();  // the first one makes the folder, the others find in it what they would write
+  std::size_t bad_pictures = 0;
   const AnimationFolder folder(working, avatar, animation);
   if (ranks.first()) ranks.wait_for_all();
   const auto agree_on = [&](const Device& device) { ranks.agree({{"device", fmt::format("{} ({})", device.report().name, device.report().driver)}}); };
@@ -116,6 +118,9 @@ int animate(const AnimateOptions& options) {
     Device device(device_of_rank(options.device, ranks));
     agree_on(device);
     const Interrupt interrupt;
+    animation.on_bad_pixels = [&](const fs::path& picture, const BadPixels& bad) {
+      if (++bad_pictures <= kNamedBadPictures) fmt::print(stderr, "{}\n", warning_of(bad, picture.string(), options.avatar.string()));
+    };
     return folder.render(device, avatar, [&](double) { return !interrupt.wanted(); }, ranks) ? 0 : kFailed;
   }
   const std::size_t before = folder.done();
@@ -125,12 +130,16 @@ int animate(const AnimateOptions& options) {
     Device device(device_of_rank(options.device, ranks));
     agree_on(device);
     const Interrupt interrupt;
+    animation.on_bad_pixels = [&](const fs::path& picture, const BadPixels& bad) {
+      if (++bad_pictures <= kNamedBadPictures) progress.say(warning_of(bad, picture.string(), options.avatar.string()));
+    };
     const bool whole = folder.render(device, avatar, [&](double done) {
       progress.update(done);
       return !interrupt.wanted();
     }, ranks);
     if (!whole) throw std::runtime_error(fmt::format("stopped after {} of {} frames; the same call goes on", folder.done(), frames.size()));
     progress.say(shaders_text(device));
+    if (bad_pictures > kNamedBadPictures) progress.say(fmt::format("warning: {} pictures with pixels that are not finite, of which {} are named above", bad_pictures, kNamedBadPictures));
   }
   if (!options.video()) {
     progress.finish(working.string());

@@ -78,6 +78,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
       }
       make_folder(options->out);
       const std::string name = options->avatar.string(), figures = describe(result);
+      for (const std::string& line : warnings_of(result, name)) progress.say(line);
       write_file_safely(options->out / "metrics.json", evaluation_json(result, avatar, name, capture, device));
       write_file_safely(options->out / "report.html",
                         to_html(evaluation_report({result}, avatar, name, capture, device)));

@@ -25,6 +25,7 @@ namespace {
 std::string choice_text(const Capture& capture, const std::string& preset) {
   std::string text = fmt::format("an avatar of the preset {} would have:\n", preset);
   try {
+    check_extent(cube_normalization(canonical_vertices(capture.body_template, make_canonical_pose(capture.body_template.skeleton))), (capture.path / "template.glb").string());
     for (const std::string& reason : choose_spec(preset, capture_facts(capture)).reasons) text += "  " + reason + "\n";
   } catch (const InputError& error) {
     // A capture for evaluation alone is worth inspecting too.

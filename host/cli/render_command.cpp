@@ -10,6 +10,7 @@
 #include "host/cli/motion_options.h"
 #include "host/cli/progress.h"
 #include "host/cli/shader_progress.h"
+#include "host/evaluation/bad_pixels.h"
 #include "host/evaluation/layers.h"
 #include "host/evaluation/picture.h"
 #include "host/file_writing.h"
@@ -159,6 +160,7 @@ int render(const Options& options) {
     return true;
   });
   const std::vector<fs::path> files = layer_files(options, layers);
+  if (const BadPixels bad = bad_pixels(picture); bad.count > 0) progress.say(warning_of(bad, options.out.string(), options.avatar.string()));
   for (std::size_t i = 0; i < files.size(); ++i) {
     const LayerFile file = layer_file(renderer, avatar, view, picture, layers[i]);
     write_file_safely(files[i], file.png);

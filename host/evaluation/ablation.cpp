@@ -242,7 +242,8 @@ AblationRow measure_variant(Device& device, const Capture& capture, const Ablati
   ordered_json written = ordered_json::array();
   for (size_t s = 0; s < splits.size(); ++s) {
     const Evaluation one = evaluate(device, avatar, capture, splits[s], [&](double part) { return !progress || progress((double(s) + part) / double(splits.size() + 1)); });
-    row.splits.push_back({splits[s].split == "train" ? "views" : splits[s].split, one.psnr, one.ssim});
+    // A mean over other pictures than the rest of the table's is none.
+    row.splits.push_back({splits[s].split == "train" ? "views" : splits[s].split, one.unmeasured ? std::nullopt : one.psnr, one.unmeasured ? std::nullopt : one.ssim});
     written.push_back({{"split", row.splits.back().split}, {"psnr", json_of(one.psnr)}, {"ssim", json_of(one.ssim)}});
     counts.points += one.root_finding.points;
     counts.converged += one.root_finding.converged;

@@ -100,7 +100,9 @@ bool AnimationFolder::render(Device& device, const Avatar& avatar, const std::fu
     } catch (const RenderingStopped&) {
       return false;
     }
-    write_file_safely(animation_picture(path_, wanted[number]), picture_png(picture, animation_.normals_beside));
+    const fs::path path = animation_picture(path_, wanted[number]);
+    if (const BadPixels bad = bad_pixels(picture); bad.count > 0 && animation_.on_bad_pixels) animation_.on_bad_pixels(path, bad);
+    write_file_safely(path, picture_png(picture, animation_.normals_beside));
     return progress(double(before + number + 1)) || number + 1 == wanted.size();
   });
 }

@@ -8,6 +8,7 @@
 
 #include "host/avatar/avatar.h"
 #include "host/capture/camera.h"
+#include "host/evaluation/bad_pixels.h"
 #include "host/rendering/render_settings.h"
 #include "host/training/ranks.h"
 #include "kernels/vulkan/device.h"
@@ -24,6 +25,7 @@ struct Animation {
   std::vector<AnimationFrame> frames;
   RenderSettings render;
   bool normals_beside = false;  // colour left, normals right (n/2 + 1/2, world axes)
+  std::function<void(const std::filesystem::path&, const BadPixels&)> on_bad_pixels = {};  // of a picture that has some, before it is written; may be empty
 };
 
 // Where picture number `frame` lies: 000000.png and so on.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -147,7 +148,11 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
         });
     const std::vector<float> truth = rgb_on_black(photograph);
     const int w = camera.width, h = camera.height;
-    const ImageMetrics metrics = image_metrics({picture.color, w, h}, {truth, w, h}, mask.inside);
+    const CropRectangle crop = mask_bounds(mask.inside, w, h);
+    const bool measured = finite_colors(picture, crop);
+    const ImageMetrics metrics = measured ? image_metrics({picture.color, w, h}, {truth, w, h}, mask.inside) : ImageMetrics{.psnr = std::numeric_limits<double>::quiet_NaN(), .crop = crop};
+    result.bad.push_back(bad_pixels(picture));
+    result.unmeasured += !measured;
 
     ReportRow row;
     row.split = row_split(settings, stored);
@@ -162,7 +167,8 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
       result.found.back() = double(after.converged - before.converged) / double(after.points - before.points);
       row.measures.emplace_back("found (%)", 100 * *result.found.back());
     }
-    if (lpips) {
+    if (result.bad.back().count > 0) row.measures.emplace_back("not finite (pixels)", double(result.bad.back().count));
+    if (lpips && measured) {
       const auto began = std::chrono::steady_clock::now();
       distances.push_back(row.lpips.emplace(lpips->distance({picture.color, w, h}, {truth, w, h}, metrics.crop)));
       lpips_time += std::chrono::steady_clock::now() - began;
@@ -200,9 +206,12 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
                       {"psnr", optional_number(row.psnr)},
                       {"ssim", optional_number(row.ssim)},
                       {"ssim_data_range_2", optional_number(row.ssim_of_the_paper)},
-                      {"found_percent", percent(evaluation.found[i])}});
+                      {"found_percent", percent(evaluation.found[i])},
+                      {"bad_pixels", evaluation.bad[i].count}});
     if (row.lpips) images.back()["lpips"] = *row.lpips;
   }
+  std::size_t bad_count = 0;
+  for (const BadPixels& bad : evaluation.bad) bad_count += bad.count;
   const RootFindingCounts& counts = evaluation.root_finding;
   ordered_json surface = ordered_json::array();
   const auto figures = [](const SurfaceError& error) {
@@ -225,6 +234,8 @@ std::string evaluation_json(const Evaluation& evaluation, const Avatar& avatar, 
       {"mean", mean},
       {"spread", {{"psnr", optional_number(evaluation.psnr_spread)}, {"ssim", optional_number(evaluation.ssim_spread)}}},
       {"images", images},
+      {"bad_pixels", bad_count},
+      {"unmeasured", evaluation.unmeasured},
       {"protocol_name", evaluation.settings.protocol},
       {"split", evaluation.settings.split},
       {"cameras", evaluation.settings.cameras},
@@ -300,10 +311,19 @@ std::string describe(const Evaluation& evaluation) {
   const auto figure = [](const std::optional<double>& mean, const std::optional<double>& spread, int digits, const char* unit, const char* absent) {
     return mean ? fmt::format("{:.{}f}{}{}", *mean, digits, spread ? fmt::format(" ± {:.{}f}", *spread, digits) : "", unit) : absent;
   };
-  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {}{} ({} pictures)", evaluation.settings.split, evaluation.settings.cameras,
+  return fmt::format("split {}, cameras {}: PSNR {}, SSIM {}{} ({} pictures{})", evaluation.settings.split, evaluation.settings.cameras,
                      figure(evaluation.psnr, evaluation.psnr_spread, 2, " dB", "not finite"), figure(evaluation.ssim, evaluation.ssim_spread, 4, "", "not defined"),
-                     evaluation.lpips ? fmt::format(", LPIPS {:.4f}", *evaluation.lpips) : "", evaluation.rows.size()) +
+                     evaluation.lpips ? fmt::format(", LPIPS {:.4f}", *evaluation.lpips) : "", evaluation.rows.size(), evaluation.unmeasured > 0 ? fmt::format(", {} of them left out: not finite", evaluation.unmeasured) : "") +
          (evaluation.surface.empty() ? "" : "; " + describe(evaluation.surface)) + (evaluation.poses ? "; " + describe(*evaluation.poses) : "");
+}
+
+std::vector<std::string> warnings_of(const Evaluation& evaluation, const std::string& avatar_path, std::size_t most) {
+  std::vector<std::string> lines;
+  std::size_t pictures = 0;
+  for (std::size_t i = 0; i < evaluation.rows.size(); ++i)
+    if (evaluation.bad[i].count > 0 && ++pictures <= most) lines.push_back(warning_of(evaluation.bad[i], fmt::format("camera {}, frame {}", evaluation.rows[i].camera, evaluation.rows[i].frame), avatar_path));
+  if (pictures > most) lines.push_back(fmt::format("warning: {} more pictures have pixels that are not finite", pictures - most));
+  return lines;
 }
 
 }  // namespace arah

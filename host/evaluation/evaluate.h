@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "host/avatar/avatar.h"
+#include "host/evaluation/bad_pixels.h"
 #include "host/evaluation/report.h"
 #include "host/evaluation/surface_error.h"
 #include "host/rendering/renderer.h"
@@ -46,6 +47,8 @@ struct Evaluation {
   std::optional<double> psnr_spread, ssim_spread;  // standard deviations over the pictures; absent for fewer than two
   std::optional<double> lpips;  // mean over the pictures; absent where it was not measured
   RootFindingCounts root_finding;
+  std::vector<BadPixels> bad;   // by row
+  std::size_t unmeasured = 0;   // pictures with colours that are not finite where they are compared: they have no figures and are in no mean
   std::vector<std::optional<double>> found;  // by row: share of the picture's correspondences that the search found, 0..1; absent where none was searched
   double seconds = 0;  // of rendering
   std::vector<SurfaceError> surface;  // where it was measured; evaluate() leaves it empty
@@ -69,7 +72,7 @@ std::vector<float> rgb_on_black(const Image& image);
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
                     const std::function<bool(double)>& progress = {});
 
-// {"mean": {"psnr", "ssim", "ssim_data_range_2", "lpips"}, "spread": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim", "ssim_data_range_2", "found_percent", "lpips"}], "lpips_network", "protocol_name", "split", "protocol", "avatar", "capture",
+// {"mean": {"psnr", "ssim", "ssim_data_range_2", "lpips"}, "spread": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim", "ssim_data_range_2", "found_percent", "bad_pixels", "lpips"}], "bad_pixels" (of all pictures), "unmeasured" (pictures), "lpips_network", "protocol_name", "split", "protocol", "avatar", "capture",
 // "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ..., "rescued_by_newton", "rescued_from_bones", "rescue_evaluations", "least_found_percent" (of a picture)}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm", "chamfer_cm2", "normal_consistency", "normal_consistency_of_the_paper", "f_score_5mm"}], "surface_mean": the same without "frame", "surface_settings": {"cell_mm", "largest_part", "ground": [a, b, c, d] or null}, "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},
 // "after"} with refined poses}; what is not
 // defined, such as the PSNR of identical pictures, is null, and "lpips" and "lpips_network" are there only where it was measured. avatar_path: as the user knows it.
@@ -85,5 +88,8 @@ std::optional<double> least_found(const Evaluation& evaluation);
 
 // "split train, cameras held-out: PSNR 28.60 ± 1.21 dB, SSIM 0.9120 ± 0.0110 (20 pictures)".
 std::string describe(const Evaluation& evaluation);
+
+// One line for each picture that has pixels that are not finite, the first `most` of them, and one for the others. avatar_path: as the user knows it.
+std::vector<std::string> warnings_of(const Evaluation& evaluation, const std::string& avatar_path, std::size_t most = 5);
 
 }  // namespace arah

@@ -59,7 +59,8 @@ std::vector<LearningCurvePoint> learning_curve(Device& device, const Capture& ca
       evaluation.every = settings.every;
       evaluation.size = settings.size;
       evaluation.pictures = false;
-      return evaluate(device, avatar, capture, evaluation, [&](double part) { return !progress || progress((double(i) + done + 0.45 * part) / double(kept.size())); }).psnr;
+      const Evaluation result = evaluate(device, avatar, capture, evaluation, [&](double part) { return !progress || progress((double(i) + done + 0.45 * part) / double(kept.size())); });
+      return result.unmeasured ? std::nullopt : result.psnr;  // not a mean over other pictures than the other points'
     };
     if (has_pictures(capture, "train")) point.views = psnr("train", 0);
     if (has_pictures(capture, "novel")) point.motion = psnr("novel", 0.45);

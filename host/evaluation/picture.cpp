@@ -72,7 +72,10 @@ std::vector<float> straight_alpha(std::span<const float> color, std::span<const 
   std::vector<float> rgba;
   rgba.reserve(4 * alpha.size());
   for (std::size_t i = 0; i < alpha.size(); ++i) {
-    for (std::size_t c = 0; c < 3; ++c) rgba.push_back(alpha[i] > 0 ? color[3 * i + c] / alpha[i] : 0.0f);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float premultiplied = color[3 * i + c];  // what is not finite stays so without alpha too
+      rgba.push_back(alpha[i] > 0 || !std::isfinite(premultiplied) ? premultiplied / alpha[i] : 0.0f);
+    }
     rgba.push_back(alpha[i]);
   }
   return rgba;

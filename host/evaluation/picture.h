@@ -17,7 +17,7 @@ std::vector<std::uint8_t> eight_bits(std::span<const float> values, int width, i
 // eight_bits() as PNG; alpha is not premultiplied.
 std::vector<std::uint8_t> encode_png(std::span<const float> values, int width, int height, int channels);
 
-// RGBA with straight alpha from a colour that is multiplied by it, as compositing over black leaves it; 0 where alpha is 0.
+// RGBA with straight alpha from a colour that is multiplied by it, as compositing over black leaves it; 0 where alpha is 0, but not finite where the colour is not.
 std::vector<float> straight_alpha(std::span<const float> color, std::span<const float> alpha, int width, int height);
 
 // RGB in [0, 1]: the mean over channels of |rendering - truth|, times `gain`, in the Inferno colours: black = equal,

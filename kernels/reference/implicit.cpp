@@ -3,6 +3,19 @@
 #include "kernels/reference/sizes.h"
 
 namespace arah::reference {
+namespace {
+
+// −J⁻ᵀ u, bounded.
+template <int D>
+Vector<D> bounded_gradient(const Matrix<D>& inverted, const Vector<D>& upstream) {
+  Vector<D> g = multiply_transposed<D>(inverted, upstream);
+  const double size = norm<D>(g), most = most_amplification * norm<D>(upstream);
+  const double factor = size > most ? -most / size : -1;
+  for (double& value : g) value *= factor;
+  return g;
+}
+
+}  // namespace
 
 PointImplicitGradient implicit_point_gradient(const Matrix<3>& jacobian, const Vector<3>& upstream) {
   PointImplicitGradient gradient;
@@ -11,8 +24,8 @@ PointImplicitGradient implicit_point_gradient(const Matrix<3>& jacobian, const V
     gradient.singular = true;
     return gradient;
   }
-  gradient.posed = multiply_transposed<3>(*inverted, upstream);
-  for (int i = 0; i < 3; ++i) gradient.skinned[i] = -gradient.posed[i];
+  gradient.skinned = bounded_gradient<3>(*inverted, upstream);
+  for (int i = 0; i < 3; ++i) gradient.posed[i] = -gradient.skinned[i];
   return gradient;
 }
 
@@ -51,13 +64,12 @@ JointImplicitGradient implicit_joint_gradient(const Matrix<4>& jacobian, const V
     gradient.singular = true;
     return gradient;
   }
-  const Vector<4> minus = multiply_transposed<4>(*inverted, upstream);
-  gradient.sdf = -minus[0];
+  const Vector<4> g = bounded_gradient<4>(*inverted, upstream);
+  gradient.sdf = g[0];
   for (int i = 0; i < 3; ++i) {
-    gradient.skinned[i] = -minus[i + 1];
-    gradient.camera[i] = minus[i + 1];
-    gradient.direction[i] = depth * minus[i + 1];
-    gradient.translation[i] = -minus[i + 1];
+    gradient.skinned[i] = gradient.translation[i] = g[i + 1];
+    gradient.camera[i] = -g[i + 1];
+    gradient.direction[i] = -depth * g[i + 1];
   }
   return gradient;
 }

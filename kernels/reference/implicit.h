@@ -11,6 +11,12 @@
 
 namespace arah::reference {
 
+// How much longer than the upstream gradient u the gradient g = −J⁻ᵀ u may be; a longer one keeps its direction and becomes
+// most_amplification |u| long. It grows by as much as 1 / σ_min(J), without a bound as J becomes singular; and a root whose
+// residual is below 1e-5 m is known to 1e-5 m / σ_min only, so that at 100 the linearisation is taken a millimetre beside the root, and
+// beyond says nothing of it.
+inline constexpr double most_amplification = 100;
+
 // What the loss's gradient on a sample's canonical point means for the skinning and for the posed point.
 struct PointImplicitGradient {
   Vector<3> skinned{};    // dL/dLBS(x̂*): upstream of the skinning's backward pass at the fixed point x̂*

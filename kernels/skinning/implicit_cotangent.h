@@ -6,7 +6,8 @@
 
 namespace arah {
 
-// g = −J⁻ᵀ dL/dx at each root x: the cotangent on LBS(x), the argument of record_lbs_backward, with x held fixed.
+// g = −J⁻ᵀ dL/dx at each root x: the cotangent on LBS(x), the argument of record_lbs_backward, with x held fixed; shortened to
+// 100 |dL/dx| where it is longer (reference::most_amplification).
 // 0 for points without a root, for padding rows, and where J has no inverse in float32 (|det J| ≤ 4e-7 · the product of
 // its rows' lengths, or not finite); the last are counted.
 struct ImplicitCotangentArgs {

@@ -8,7 +8,8 @@ namespace arah {
 
 // −J⁻ᵀ dL/d(x, d) at each root, J = [[∇f_metric, 0], [∂LBS/∂x, −v]]: the cotangents on the network's f (the argument of
 // Siren::record_backward) and on LBS(x) (of record_lbs_backward), x and d held fixed. With g the cotangent on LBS(x), that
-// on the camera's centre is −g, on the direction −d g, on the root translation g.
+// on the camera's centre is −g, on the direction −d g, on the root translation g. All four together, in metres, are shortened to
+// 100 |dL/d(x, d)| where they are longer (reference::most_amplification).
 // `rays` rows, one a ray. 0 for rays without a root, for padding rows, and where J has no inverse in float32 (|det J| ≤ 1e-6 · the product of its
 // rows' lengths, or not finite; a ray that grazes the surface); the last are counted.
 struct ImplicitJointCotangentArgs {

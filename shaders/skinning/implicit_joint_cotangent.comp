@@ -1,12 +1,13 @@
 // The implicit function theorem at the roots u = (x, d) of the joint search: one invocation turns one ray's dL/du into the
 // cotangents on f_metric(x) and LBS(x) there, (sdf, skinned) = -J^-T dL/du with J = [[grad f_metric, 0], [dLBS/dx, -v]]
-// (kernels/reference/implicit.h; paper, appendix "Implicit Gradients"). 0 for rays without a root and where J has no
+// (kernels/reference/implicit.h; paper, appendix "Implicit Gradients"), at most 100 |dL/du| long. 0 for rays without a root and where J has no
 // inverse (a ray that grazes the surface); the latter are counted. All but the rays is by row; BY_ROW: so are these.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
 
+#include "lib/amplification.glsl"
 #include "lib/finite.glsl"
 #include "shared/frame.h"
 #include "shared/skinning.h"
@@ -33,7 +34,9 @@ void main() {
   mat4 transposed;  // its columns are the rows of J
   transposed[0] = vec4(normal, 0.0);
   [[unroll]] for (int i = 0; i < 3; ++i) transposed[i + 1] = vec4(imageLoad(jacobians, 3 * ray + i).xyz, -direction[i]);
-  const vec4 u = imageLoad(upstream, ray);
+  const vec4 upstream_xd = imageLoad(upstream, ray);
+  const float size = power_of_two_below(upstream_xd);
+  const vec4 u = upstream_xd / size;
   const bool valid = uint(ray) < constants.rays && imageLoad(canonical, ray).w > 0.0;
 
   // A determinant computed in float32 carries rounding errors of some 2^-23 times the rows' lengths: below, its sign means
@@ -42,7 +45,8 @@ void main() {
   float threshold = 1.0e-6;
   [[unroll]] for (int i = 0; i < 4; ++i) threshold *= length(transposed[i]);
   const bool regular = is_finite(determinant) && abs(determinant) > threshold;
-  const vec4 g = -(inverse(transposed) * u);
+  vec4 g = -(inverse(transposed) * u);
+  g = size * (amplification_limit(g, u) * g);
   const bool found = valid && regular;
   cotangents[ray] = found ? vec4(g.yzw, 0.0) : vec4(0);
   // f_metric = f / cube_scale: the network's own value is in cube units.

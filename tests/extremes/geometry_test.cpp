@@ -185,8 +185,8 @@ TEST_F(BroydenExtremes, GradientsThroughTheSearch) {
     for (auto& row : rounded)
       for (double& value : row) value = static_cast<float>(value);
     if (regular) {
-      const Vector<3> truth = reference::multiply_transposed<3>(*reference::inverse<3>(rounded), {double{0.3F}, double{-0.7F}, double{0.4F}});
-      const std::vector<double> expected = {-truth[0], -truth[1], -truth[2]};
+      const Vector<3> truth = reference::implicit_point_gradient(rounded, {double{0.3F}, double{-0.7F}, double{0.4F}}).skinned;
+      const std::vector<double> expected = {truth[0], truth[1], truth[2]};
       double lengths = 1;
       for (const auto& row : rounded) lengths *= reference::norm<3>(row);
       const double determinant = std::abs(rounded[0][0] * (rounded[1][1] * rounded[2][2] - rounded[1][2] * rounded[2][1]) - rounded[0][1] * (rounded[1][0] * rounded[2][2] - rounded[1][2] * rounded[2][0]));
@@ -202,6 +202,20 @@ TEST_F(BroydenExtremes, GradientsThroughTheSearch) {
   for (size_t i = 0; i < aparts.size(); ++i) check(thins.size() + i, fmt::format("Jacobian with two rows that differ by {:g}", aparts[i]), aparts[i] > 1e-6);
   check(points - 2, "Jacobian with a NaN", false);
   check(points - 1, "Jacobian with an infinity", false);
+  double growth = 0;
+  for (size_t p = 0; p < points; ++p) growth = std::max(growth, std::hypot(g(p)[0], g(p)[1], g(p)[2]) / std::hypot(0.3, 0.7, 0.4));
+  expect_within(Row::broyden, Way::backward, "all these Jacobians", "growth of the gradient, |g| / |dL/dx|", growth, 100.001);
+  // As it is however short or long it is itself.
+  for (const double size : {1e-30, 1e30}) {
+    std::vector<double> scaled;
+    for (uint32_t p = 0; p < points; ++p) scaled.insert(scaled.end(), {0.3 * size, -0.7 * size, 0.4 * size});
+    Buffer of_size = filled("upstream", padded_rows(scaled, 3, 4)), at_size = empty("cotangents", 64 * 16), counted = filled("singular", std::vector<uint32_t>(1));
+    record_implicit_cotangent(commands, {points, j.slice(), of_size.slice(), canonical.slice(), at_size.slice(), counted.slice()});
+    commands.submit_and_wait();
+    std::vector<double> back = rows_of(device.download<float>(at_size.slice()), points, 3, 4);
+    for (double& value : back) value /= size;
+    expect_within(Row::broyden, Way::backward, fmt::format("all these Jacobians, dL/dx of {:g}", size), "difference from dL/dx of 1, of the largest", error_of_largest(back, found), 1e-6);
+  }
   expect_that(Row::broyden, Way::backward, "the number of singular Jacobians", "that of those above", device.download<uint32_t>(singular.slice())[0] == zeros);
 }
 
@@ -265,6 +279,7 @@ TEST_F(BroydenExtremes, RaysThatGrazeTheSurface) {
     if (angles[r] > 1e-5) {
       const auto truth = reference::implicit_joint_gradient(reference::joint_jacobian({0, 1, 0}, reference::identity<3>(), {rays[r].direction[0], rays[r].direction[1], 0}), {double{0.3F}, double{-0.7F}, double{0.4F}, double{0.2F}}, 1);
       expect_within(Row::broyden, Way::backward, name, "error, of the largest, times the angle", error_of_largest(of_ray, truth.skinned) * std::sin(angles[r]), 1e-6);
+      expect_within(Row::broyden, Way::backward, name + ": growth", "|g| / |dL/d(x, d)|", std::hypot(of_ray[0], of_ray[1], of_ray[2]) / std::hypot(0.3, 0.7, std::hypot(0.4, 0.2)), 100.001);
     } else {
       expect_that(Row::broyden, Way::backward, name, "no gradient", all_zero(of_ray));
     }

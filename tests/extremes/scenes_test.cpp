@@ -59,11 +59,11 @@ class SceneExtremes : public CompositingTest {
 
 // What is set in metres for people fits neither.
 TEST_F(SceneExtremes, BodiesOfAMillimetreAndAKilometre) {
-  for (const auto& [factor, name, found] : {std::tuple{1.25e-3, "1 mm", "one of 0.001 m"}, {1250.0, "1 km", "one of 1e+03 m"}}) {
+  for (const auto& [factor, name, found, unit] : {std::tuple{1.25e-3, "1 mm", "one of 0.001 m", "kilometres: multiply them by 1000"}, {1250.0, "1 km", "one of 1e+03 m", "millimetres: multiply them by 0.001"}}) {
     BodyTemplate body = capsule_body();
     for (glm::vec3& vertex : body.vertices) vertex *= static_cast<float>(factor);
     for (glm::dvec3& joint : body.skeleton.rest_joints) joint *= factor;
-    expect_error<InputError>(Row::sizes, Way::forward, fmt::format("an avatar of a body of {}", name), {"template", "a body of 0.05 to 5 m", found, "in metres"}, [&] { make_avatar(small_paper_spec(), body, {0}, 3); });
+    expect_error<InputError>(Row::sizes, Way::forward, fmt::format("an avatar of a body of {}", name), {"template", "a body of 0.05 to 5 m", found, unit}, [&] { make_avatar(small_paper_spec(), body, {0}, 3); });
     // The kernels know no such bounds.
     const uint32_t rows = 65, padded = padded_points(rows);
     const JointTree tree(smpl_tree());

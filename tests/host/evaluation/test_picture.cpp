@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "host/evaluation/bad_pixels.h"
 #include "host/evaluation/picture.h"
 
 namespace arah {
@@ -53,6 +54,39 @@ TEST(Picture, ValuesAreClampedAndWhatIsNotFiniteIsSeen) {
   EXPECT_EQ(read.at<cv::Vec3b>(0, 0), cv::Vec3b(128, 255, 0));
   EXPECT_EQ(read.at<cv::Vec3b>(0, 1), cv::Vec3b(255, 0, 255));
   EXPECT_EQ(read.at<cv::Vec3b>(0, 2), cv::Vec3b(255, 0, 255));
+}
+
+TEST(Picture, WhatIsNotFiniteIsCountedWhereverItIs) {
+  Picture picture;
+  picture.width = 4, picture.height = 3;
+  picture.color.assign(36, 0.5f), picture.normal.assign(36, 0.0f), picture.alpha.assign(12, 1.0f), picture.depth.assign(12, 2.0f);
+  EXPECT_EQ(bad_pixels(picture).count, 0u);
+  EXPECT_EQ(bad_pixels(picture).pixels, 12u);
+  picture.color[3 * 6 + 1] = kNan, picture.color[3 * 6 + 2] = kInfinity;  // one pixel: column 2, row 1
+  picture.alpha[7] = kInfinity, picture.depth[9] = -kInfinity, picture.normal[3 * 11] = kNan;
+  const BadPixels bad = bad_pixels(picture);
+  EXPECT_EQ(bad.count, 4u);
+  EXPECT_EQ(bad.column, 2);
+  EXPECT_EQ(bad.row, 1);
+  EXPECT_EQ(warning_of(bad, "out/color.png", "run"), "warning: out/color.png: 4 of 12 pixels are not finite (magenta in colours), the first in column 2 of row 1; 'arah inspect run' names the tensor with the largest number");
+  picture.normal.clear();
+  EXPECT_EQ(bad_pixels(picture).count, 3u);
+
+  EXPECT_FALSE(finite_colors(picture, {0, 0, 4, 3}));
+  EXPECT_FALSE(finite_colors(picture, {2, 1, 3, 2}));
+  EXPECT_TRUE(finite_colors(picture, {0, 0, 4, 1}));
+  EXPECT_TRUE(finite_colors(picture, {3, 0, 4, 3})) << "alpha is not compared";
+  EXPECT_TRUE(finite_colors(picture, {0, 0, 2, 3}));
+}
+
+TEST(Picture, ABadColourIsNotHiddenWhereThereIsNoAlpha) {
+  const std::vector<float> color = {kNan, 0, 0, 0, kInfinity, 0, 0, 0, 0, 0.25f, 0, 0};
+  const cv::Mat read = cv::imdecode(encode_png(straight_alpha(color, std::vector<float>{0, 0, 0, 0.5f}, 4, 1), 4, 1, 4), cv::IMREAD_UNCHANGED);
+  const cv::Vec4b magenta(255, 0, 255, 255);
+  EXPECT_EQ(read.at<cv::Vec4b>(0, 0), magenta);
+  EXPECT_EQ(read.at<cv::Vec4b>(0, 1), magenta);
+  EXPECT_EQ(read.at<cv::Vec4b>(0, 2), cv::Vec4b(0, 0, 0, 0));
+  EXPECT_EQ(read.at<cv::Vec4b>(0, 3), cv::Vec4b(0, 0, 128, 128));
 }
 
 TEST(Picture, ErrorMapIsBlackWhereEqualAndBrightensWithTheDifference) {

@@ -256,6 +256,32 @@ TEST(ImplicitPose, AgreesWithSearchingAgain) {
   }
 }
 
+// Towards a singular Jacobian the gradient grows to a hundred times its cause and no further, and keeps its direction.
+TEST(Implicit, NearlySingularJacobiansAreBounded) {
+  const Vector<3> upstream{0.3, -0.7, 0.4};
+  double before = 0;
+  for (double thin = 1; thin > 1e-12; thin /= 2) {
+    Matrix<3> j = identity<3>();
+    j[0][1] = 0.5, j[1][2] = -0.25, j[2][2] = thin;
+    const Vector<3> newton = multiply_transposed<3>(*inverse<3>(j), upstream), found = implicit_point_gradient(j, upstream).skinned;
+    const double growth = norm<3>(newton) / norm<3>(upstream);
+    EXPECT_GE(norm<3>(found), before * (1 - 1e-12)) << thin;
+    before = norm<3>(found);
+    if (growth <= most_amplification) {
+      EXPECT_EQ(found, (Vector<3>{-newton[0], -newton[1], -newton[2]})) << thin;
+    } else {
+      EXPECT_NEAR(norm<3>(found), most_amplification * norm<3>(upstream), 1e-10) << thin;
+    }
+    EXPECT_NEAR(dot<3>(found, newton), -norm<3>(found) * norm<3>(newton), 1e-12 * norm<3>(found) * norm<3>(newton)) << thin;
+
+    // A ray at that angle to the surface.
+    const Matrix<4> grazing = joint_jacobian({0, 1, 0}, identity<3>(), {std::cos(thin), std::sin(thin), 0});
+    const JointImplicitGradient joint = implicit_joint_gradient(grazing, {0.3, -0.7, 0.4, 0.2}, 2);
+    EXPECT_LE(std::hypot(joint.sdf, norm<3>(joint.skinned)), most_amplification * norm<4>({0.3, -0.7, 0.4, 0.2}) * (1 + 1e-12)) << thin;
+    EXPECT_EQ(joint.direction[0], 2 * joint.camera[0]);
+  }
+}
+
 TEST(Implicit, SingularJacobiansTeachNothing) {
   Matrix<3> flat = identity<3>();
   flat[1] = flat[0];
