@@ -12,6 +12,7 @@
 #include "host/cli/motion_options.h"
 #include "host/cli/outcome.h"
 #include "host/cli/progress.h"
+#include "host/cli/rank_devices.h"
 #include "host/cli/shader_progress.h"
 #include "host/evaluation/animation.h"
 #include "host/evaluation/video.h"
@@ -111,10 +112,9 @@ int animate(const AnimateOptions& options) {
   if (!ranks.first()) ranks.wait_for_all();  // the first one makes the folder, the others find in it what they would write
   const AnimationFolder folder(working, avatar, animation);
   if (ranks.first()) ranks.wait_for_all();
-  const auto agree_on = [&](const Device& device) { ranks.agree({{"device", fmt::format("{} ({})", device.report().name, device.report().driver)}}); };
   if (!ranks.first()) {
     Device device(device_of_rank(options.device, ranks));
-    agree_on(device);
+    unequal_devices(ranks, device);
     const Interrupt interrupt;
     return folder.render(device, avatar, [&](double) { return !interrupt.wanted(); }, ranks) ? 0 : kFailed;
   }
@@ -123,7 +123,7 @@ int animate(const AnimateOptions& options) {
   if (before > 0) progress.say(fmt::format("{}: {} of {} frames are there", working.string(), before, frames.size()));
   if (before < frames.size() || ranks.count() > 1) {
     Device device(device_of_rank(options.device, ranks));
-    agree_on(device);
+    if (const std::string unequal = unequal_devices(ranks, device); !unequal.empty()) progress.say(unequal);
     const Interrupt interrupt;
     const bool whole = folder.render(device, avatar, [&](double done) {
       progress.update(done);
