@@ -12,6 +12,7 @@
 #include "host/cli/motion_options.h"
 #include "host/cli/outcome.h"
 #include "host/cli/progress.h"
+#include "host/cli/rank_devices.h"
 #include "host/cli/shader_progress.h"
 #include "host/evaluation/animation.h"
 #include "host/evaluation/video.h"
@@ -113,10 +114,9 @@ int animate(const AnimateOptions& options) {
   std::size_t bad_pictures = 0;
   const AnimationFolder folder(working, avatar, animation);
   if (ranks.first()) ranks.wait_for_all();
-  const auto agree_on = [&](const Device& device) { ranks.agree({{"device", fmt::format("{} ({})", device.report().name, device.report().driver)}}); };
   if (!ranks.first()) {
     Device device(device_of_rank(options.device, ranks));
-    agree_on(device);
+    unequal_devices(ranks, device);
     const Interrupt interrupt;
     animation.on_bad_pixels = [&](const fs::path& picture, const BadPixels& bad) {
       if (++bad_pictures <= kNamedBadPictures) fmt::print(stderr, "{}\n", warning_of(bad, picture.string(), options.avatar.string()));
@@ -128,7 +128,7 @@ int animate(const AnimateOptions& options) {
   if (before > 0) progress.say(fmt::format("{}: {} of {} frames are there", working.string(), before, frames.size()));
   if (before < frames.size() || ranks.count() > 1) {
     Device device(device_of_rank(options.device, ranks));
-    agree_on(device);
+    if (const std::string unequal = unequal_devices(ranks, device); !unequal.empty()) progress.say(unequal);
     const Interrupt interrupt;
     animation.on_bad_pixels = [&](const fs::path& picture, const BadPixels& bad) {
       if (++bad_pictures <= kNamedBadPictures) progress.say(warning_of(bad, picture.string(), options.avatar.string()));

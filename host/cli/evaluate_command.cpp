@@ -7,6 +7,7 @@
 #include "host/cli/arguments.h"
 #include "host/cli/command.h"
 #include "host/cli/progress.h"
+#include "host/cli/rank_devices.h"
 #include "host/evaluation/evaluate.h"
 #include "host/file_writing.h"
 
@@ -49,7 +50,8 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   command->footer(
       "PSNR is taken over the pixels of the posed template's projected box; metrics.json states the protocol.\n"
       "Example: arah evaluate run capture -o evaluation --protocol novel-pose\n"
-      "Example: arah evaluate run capture -o evaluation --split novel --every 2");
+      "Example: arah evaluate run capture -o evaluation --split novel --every 2\n"
+      "         mpirun -n 4 arah evaluate run capture -o evaluation   (each picture on the rank that is free; surfaces on the first one)");
   command->callback([options, split, cameras, every, &run] {
     if (!options->protocol.empty()) {
       EvaluationSettings& chosen = options->settings;
@@ -64,12 +66,19 @@ void add_evaluate_command(CLI::App& program, Run& run) {
       const Avatar avatar = load_avatar(avatar_file(options->avatar));
       const Capture capture = open_capture(options->capture);
       options->settings.render = options->quality.settings(avatar);
-      Device device(options->device);
+      const Ranks& ranks = Ranks::of_process();
+      Device device(device_of_rank(options->device, ranks));
+      const std::string unequal = unequal_devices(ranks, device);
+      if (!ranks.first()) {
+        evaluate(device, avatar, capture, options->settings, {}, ranks);
+        return 0;
+      }
       Progress progress("evaluate", 1.0, "");
+      if (!unequal.empty()) progress.say(unequal);
       Evaluation result = evaluate(device, avatar, capture, options->settings, [&](double part) {
         progress.update(part);
         return true;
-      });
+      }, ranks);
       if (options->surface) {
         SurfaceSettings& compared = options->surface_settings;
         if (!options->ground.empty()) compared.ground = glm::dvec4(options->ground[0], options->ground[1], options->ground[2], options->ground[3]);

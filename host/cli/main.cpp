@@ -1,8 +1,12 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <string>
+#include <string_view>
 #include <thread>
 
 #include "host/cli/command.h"
@@ -13,13 +17,17 @@
 
 namespace {
 
+// Whose work several ranks can share.
+constexpr std::array<std::string_view, 6> shared_words{"train", "animate", "render", "evaluate", "tradeoff", "bench"};
+
 // The work on one of the ranks that mpirun has started, where it has.
 int on_rank(const std::string& word, const arah::Run& run) {
   const arah::Ranks& ranks = arah::Ranks::of_process();
   if (ranks.count() == 1) return run();
   return arah::outcome_of(fmt::format("arah (rank {} of {})", ranks.rank(), ranks.count()), [&] {
     try {
-      if (word != "train" && word != "animate" && word != "bench") throw arah::InputError(fmt::format("arah {}", word), "", "to be called without mpirun", fmt::format("{} ranks", ranks.count()), "Several ranks share the work of arah train and arah animate.");
+      if (std::find(shared_words.begin(), shared_words.end(), word) == shared_words.end())
+        throw arah::InputError(fmt::format("arah {}", word), "", "to be called without mpirun", fmt::format("{} ranks", ranks.count()), fmt::format("Several ranks share the work of: {}.", fmt::join(shared_words, ", ")));
       return run();
     } catch (...) {
       // What is wrong is mostly so on all ranks: the first one says it, and its end is the others'.

@@ -9,10 +9,13 @@
 #include "host/cli/command.h"
 #include "host/cli/motion_options.h"
 #include "host/cli/progress.h"
+#include "host/cli/rank_devices.h"
 #include "host/cli/shader_progress.h"
+#include "host/evaluation/animation.h"
 #include "host/evaluation/bad_pixels.h"
 #include "host/evaluation/layers.h"
 #include "host/evaluation/picture.h"
+#include "host/evaluation/shared_work.h"
 #include "host/file_writing.h"
 #include "host/rendering/orbit_camera.h"
 #include "host/rendering/renderer.h"
@@ -144,7 +147,8 @@ int render(const Options& options) {
     throw InputError("--frame", "", "--capture or --motion with it", "neither");
   const Avatar avatar = load_avatar(avatar_file(options.avatar));
   const View view = chosen_view(options, avatar);
-  Device device(options.device);
+  const Ranks& ranks = Ranks::of_process();
+  Device device(device_of_rank(options.device, ranks));
   RenderSettings settings = options.quality.settings(avatar);
   std::vector<AskedLayer> layers;
   for (const std::string& text : options.layers) {
@@ -153,9 +157,16 @@ int render(const Options& options) {
     settings.normals = settings.normals || needs_normals(layers.back().layer);
     settings.inspect = settings.inspect || needs_inspection(layers.back().layer);
   }
+  agree_on_work(ranks, avatar, fmt::format("{} {} {} {}", fingerprint_of(std::vector<AnimationFrame>{{view.pose, view.camera, view.latent_row}}), render_settings_json(settings), settings.normals, settings.inspect));
+  const std::string unequal = unequal_devices(ranks, device);
   Renderer renderer(device, avatar, settings);
+  if (!ranks.first()) {
+    render_shared(renderer, view.camera, view.pose, view.latent_row, ranks);
+    return 0;
+  }
   Progress progress("render", 1.0, "");
-  const Picture picture = renderer.render(view.camera, view.pose, view.latent_row, [&](const PictureSoFar& so_far) {
+  if (!unequal.empty()) progress.say(unequal);
+  const Picture picture = render_shared(renderer, view.camera, view.pose, view.latent_row, ranks, [&](const PictureSoFar& so_far) {
     progress.update(so_far.part);
     return true;
   });
@@ -209,7 +220,9 @@ void add_render_command(CLI::App& program, Run& run) {
   add_quality_options(*command, options->quality);
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);
-  command->footer("Example: arah render run -o turned.png --orbit 90 --layers color,depth,normal");
+  command->footer(
+      "Example: arah render run -o turned.png --orbit 90 --layers color,depth,normal\n"
+      "         mpirun -n 4 arah render run -o large.png --size 2048   (bands of rows, each on the rank that is free)");
   command->callback([options, &run] { run = [options] { return render(*options); }; });
 }
 

@@ -8,6 +8,7 @@
 #include "host/cli/arguments.h"
 #include "host/cli/command.h"
 #include "host/cli/progress.h"
+#include "host/cli/rank_devices.h"
 #include "host/evaluation/tradeoff.h"
 #include "host/evaluation/training_tradeoff.h"
 #include "host/file_writing.h"
@@ -78,7 +79,10 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
   command->add_option("--rays", options->rays, "of a training step (default: as the avatar was trained)")->check(CLI::Range(1, 65536))->needs(training);
   add_device_option(*command, options->device);
   add_memory_option(*command, options->device);
-  command->footer("Example: arah tradeoff run capture -o study --size 256 --budget 200ms --max-error 0.1dB");
+  command->footer(
+      "Example: arah tradeoff run capture -o study --size 256 --budget 200ms --max-error 0.1dB\n"
+      "         mpirun -n 4 arah tradeoff run capture -o study   (each setting's pictures on the rank that is free: the same errors; times are right\n"
+      "         where each rank has a device to itself, and of one kind: ranks that share a device disturb each other's times)");
   command->callback([options, &run] {
     run = [options] {
       std::optional<double> budget, max_error;
@@ -86,8 +90,16 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
       if (!options->max_error.empty()) max_error = with_unit("--max-error", options->max_error, {{"dB", 1}});
       const Avatar avatar = load_avatar(avatar_file(options->avatar));
       const Capture capture = open_capture(options->capture);
-      Device device(options->device);
+      const Ranks& ranks = Ranks::of_process();
+      if (options->training && ranks.count() > 1) throw InputError("arah tradeoff --training", "", "to be called without mpirun", fmt::format("{} ranks", ranks.count()), "It measures one device.");
+      Device device(device_of_rank(options->device, ranks));
+      const std::string unequal = unequal_devices(ranks, device);
+      if (!ranks.first()) {
+        measure_tradeoff(device, avatar, capture, options->settings, {}, ranks);
+        return 0;
+      }
       Progress progress("tradeoff", 1.0, "");
+      if (!unequal.empty()) progress.say(unequal + ", and times by much");
       if (options->training) {
         const TrainingTradeoffSettings wanted{options->rays, options->settings.size, static_cast<uint32_t>(options->settings.repetitions)};
         const TrainingTradeoff study = measure_training_tradeoff(device, avatar, capture, wanted, [&](double part, const std::string& what) { progress.update(part, what); });
@@ -97,7 +109,7 @@ void add_tradeoff_command(CLI::App& program, Run& run) {
         fmt::print("{}", training_tradeoff_table(study));
         return 0;
       }
-      const Tradeoff tradeoff = measure_tradeoff(device, avatar, capture, options->settings, [&](double part, const std::string& what) { progress.update(part, what); });
+      const Tradeoff tradeoff = measure_tradeoff(device, avatar, capture, options->settings, [&](double part, const std::string& what) { progress.update(part, what); }, ranks);
       make_folder(options->out);
       write_file_safely(options->out / "tradeoff.csv", tradeoff_csv(tradeoff));
       write_file_safely(options->out / "tradeoff.svg", to_svg(tradeoff_plot(tradeoff)));

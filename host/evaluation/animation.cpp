@@ -16,26 +16,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string of_frames(const std::vector<AnimationFrame>& frames) {
-  Fingerprint print;
-  for (const AnimationFrame& frame : frames) {
-    for (const glm::dvec3& theta : frame.pose.theta)
-      for (int k = 0; k < 3; ++k) print.add(theta[k]);
-    for (int k = 0; k < 3; ++k) print.add(frame.pose.root_position[k]), print.add(frame.camera.T[k]);
-    for (int column = 0; column < 3; ++column)
-      for (int row = 0; row < 3; ++row) print.add(frame.camera.K[column][row]), print.add(frame.camera.R[column][row]);
-    print.add(uint64_t{frame.latent_row});
-  }
-  return print.text();
-}
-
 // What the pictures depend on.
 nlohmann::ordered_json description(const Avatar& avatar, const Animation& animation) {
   const Camera& camera = animation.frames.front().camera;
   return {{"avatar", fingerprint_of(avatar)},
           {"frames", animation.frames.size()},
           {"size", fmt::format("{} x {}", camera.width, camera.height)},
-          {"poses_and_cameras", of_frames(animation.frames)},
+          {"poses_and_cameras", fingerprint_of(animation.frames)},
           {"beside", animation.normals_beside ? "normals" : "nothing"},
           {"render", nlohmann::ordered_json::parse(render_settings_json(animation.render))}};
 }
@@ -58,6 +45,19 @@ std::vector<uint8_t> picture_png(const Picture& picture, bool normals_beside) {
 }
 
 }  // namespace
+
+std::string fingerprint_of(const std::vector<AnimationFrame>& frames) {
+  Fingerprint print;
+  for (const AnimationFrame& frame : frames) {
+    for (const glm::dvec3& theta : frame.pose.theta)
+      for (int k = 0; k < 3; ++k) print.add(theta[k]);
+    for (int k = 0; k < 3; ++k) print.add(frame.pose.root_position[k]), print.add(frame.camera.T[k]);
+    for (int column = 0; column < 3; ++column)
+      for (int row = 0; row < 3; ++row) print.add(frame.camera.K[column][row]), print.add(frame.camera.R[column][row]);
+    print.add(uint64_t{frame.latent_row});
+  }
+  return print.text();
+}
 
 fs::path animation_picture(const fs::path& folder, std::size_t frame) { return folder / fmt::format("{:06}.png", frame); }
 

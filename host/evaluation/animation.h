@@ -21,6 +21,9 @@ struct AnimationFrame {
   std::size_t latent_row = 0;
 };
 
+// Of poses, cameras and codes.
+std::string fingerprint_of(const std::vector<AnimationFrame>& frames);
+
 struct Animation {
   std::vector<AnimationFrame> frames;
   RenderSettings render;

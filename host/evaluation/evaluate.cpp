@@ -14,6 +14,7 @@
 #include "host/evaluation/image_metrics.h"
 #include "host/evaluation/lpips.h"
 #include "host/evaluation/picture.h"
+#include "host/evaluation/shared_work.h"
 #include "host/input_error.h"
 
 namespace arah {
@@ -81,6 +82,49 @@ nlohmann::ordered_json optional_number(const std::optional<double>& value) {
   return value && std::isfinite(*value) ? nlohmann::ordered_json(*value) : nlohmann::ordered_json();
 }
 
+// One picture's row and the searches that it took, as they travel between ranks.
+struct MeasuredPicture {
+  ReportRow row;
+  RootFindingCounts counts;
+  BadPixels bad;
+  bool comparable = true;  // with the photograph: finite where it is compared
+};
+
+constexpr uint64_t RootFindingCounts::*all_counts[] = {&RootFindingCounts::points, &RootFindingCounts::steps, &RootFindingCounts::converged, &RootFindingCounts::diverged, &RootFindingCounts::exhausted, &RootFindingCounts::newton, &RootFindingCounts::restarted, &RootFindingCounts::rescue_evaluations};
+
+std::optional<double> found_share(const RootFindingCounts& counts) { return counts.points ? std::optional(double(counts.converged) / double(counts.points)) : std::nullopt; }
+
+nlohmann::json travelling(MeasuredPicture measured) {
+  using nlohmann::json;
+  ReportRow& row = measured.row;
+  json optional = json::array(), images = json::array(), counts = json::array();
+  for (const std::optional<double>& value : {row.ssim, row.ssim_of_the_paper, row.lpips}) optional.push_back(value ? json(*value) : json());
+  for (ReportImage& image : row.images) images.push_back({image.label, json::binary(std::move(image.png))});
+  for (const auto count : all_counts) counts.push_back(measured.counts.*count);
+  const BadPixels& bad = measured.bad;
+  return {{"bad", {bad.count, bad.pixels, bad.column, bad.row}}, {"comparable", measured.comparable}, {"split", row.split}, {"camera", row.camera}, {"frame", row.frame}, {"psnr", row.psnr}, {"measures", row.measures}, {"optional", optional}, {"images", std::move(images)}, {"counts", counts}};
+}
+
+MeasuredPicture arrived(nlohmann::json& json) {
+  MeasuredPicture measured;
+  ReportRow& row = measured.row;
+  json.at("split").get_to(row.split);
+  json.at("camera").get_to(row.camera);
+  json.at("frame").get_to(row.frame);
+  json.at("psnr").get_to(row.psnr);
+  json.at("measures").get_to(row.measures);
+  std::size_t at = 0;
+  for (std::optional<double>* value : {&row.ssim, &row.ssim_of_the_paper, &row.lpips})
+    if (const auto& number = json.at("optional").at(at++); !number.is_null()) *value = number.get<double>();
+  for (auto& image : json.at("images")) row.images.push_back({image.at(0).get<std::string>(), std::move(image.at(1).get_binary())});
+  at = 0;
+  for (const auto count : all_counts) json.at("counts").at(at++).get_to(measured.counts.*count);
+  const auto& bad = json.at("bad");
+  measured.bad = {bad.at(0).get<std::size_t>(), bad.at(1).get<std::size_t>(), bad.at(2).get<int>(), bad.at(3).get<int>()};
+  json.at("comparable").get_to(measured.comparable);
+  return measured;
+}
+
 }  // namespace
 
 std::vector<EvaluationPlace> evaluation_places(const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings) {
@@ -114,13 +158,14 @@ std::vector<float> rgb_on_black(const Image& image) {
 }
 
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
-                    const std::function<bool(double)>& progress) {
+                    const std::function<bool(double)>& progress, const Ranks& ranks) {
   const std::vector<EvaluationPlace> chosen = evaluation_places(avatar, capture, settings);
   const Motion& motion = motion_of(capture, settings.split);
   std::optional<Lpips> lpips;
   if (!settings.lpips.empty()) lpips.emplace(settings.lpips);
   RenderSettings render_settings = settings.render.value_or(render_preset(avatar, "paper"));
   render_settings.normals = settings.pictures;
+  agree_on_work(ranks, avatar, fmt::format("{} pictures of {}, {}, every {}, {} columns, {}", chosen.size(), settings.split, settings.cameras, settings.every, settings.size, render_settings_json(render_settings)));
   Renderer renderer(device, avatar, render_settings);
 
   Evaluation result;
@@ -128,7 +173,7 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   const auto start = std::chrono::steady_clock::now();
   std::chrono::steady_clock::duration lpips_time{};
   std::vector<double> psnrs, ssims, ssims_of_the_paper, distances;
-  for (std::size_t i = 0; i < chosen.size(); ++i) {
+  std::vector<nlohmann::json> measured = shared_out(ranks, chosen.size(), [&](uint64_t i) {
     const EvaluationPlace& place = chosen[i];
     const Image photograph = load_image(capture, settings.split, place.camera, place.frame, settings.size);
     const Camera& stored = capture.cameras[place.camera];
@@ -149,28 +194,24 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
     const std::vector<float> truth = rgb_on_black(photograph);
     const int w = camera.width, h = camera.height;
     const CropRectangle crop = mask_bounds(mask.inside, w, h);
-    const bool measured = finite_colors(picture, crop);
-    const ImageMetrics metrics = measured ? image_metrics({picture.color, w, h}, {truth, w, h}, mask.inside) : ImageMetrics{.psnr = std::numeric_limits<double>::quiet_NaN(), .crop = crop};
-    result.bad.push_back(bad_pixels(picture));
-    result.unmeasured += !measured;
-
-    ReportRow row;
+    MeasuredPicture one;
+    one.bad = bad_pixels(picture);
+    one.comparable = finite_colors(picture, crop);
+    const ImageMetrics metrics = one.comparable ? image_metrics({picture.color, w, h}, {truth, w, h}, mask.inside) : ImageMetrics{.psnr = std::numeric_limits<double>::quiet_NaN(), .crop = crop};
+    ReportRow& row = one.row;
     row.split = row_split(settings, stored);
     row.camera = stored.name;
     row.frame = place.frame;
     row.psnr = metrics.psnr;
     row.ssim = metrics.ssim;
     row.ssim_of_the_paper = metrics.ssim_of_the_paper;
-    const RootFindingCounts after = renderer.root_finder().counts();
-    result.found.emplace_back();
-    if (after.points > before.points) {
-      result.found.back() = double(after.converged - before.converged) / double(after.points - before.points);
-      row.measures.emplace_back("found (%)", 100 * *result.found.back());
-    }
-    if (result.bad.back().count > 0) row.measures.emplace_back("not finite (pixels)", double(result.bad.back().count));
-    if (lpips && measured) {
+    one.counts = renderer.root_finder().counts();
+    for (const auto count : all_counts) one.counts.*count -= before.*count;
+    if (const std::optional<double> found = found_share(one.counts)) row.measures.emplace_back("found (%)", 100 * *found);
+    if (one.bad.count > 0) row.measures.emplace_back("not finite (pixels)", double(one.bad.count));
+    if (lpips && one.comparable) {
       const auto began = std::chrono::steady_clock::now();
-      distances.push_back(row.lpips.emplace(lpips->distance({picture.color, w, h}, {truth, w, h}, metrics.crop)));
+      row.lpips = lpips->distance({picture.color, w, h}, {truth, w, h}, metrics.crop);
       lpips_time += std::chrono::steady_clock::now() - began;
     }
     if (settings.pictures)
@@ -178,9 +219,19 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
                     {"rendering", encode_png(picture.color, w, h, 3)},
                     {"error ×4", encode_png(error_map(picture.color, truth, w, h), w, h, 3)},
                     {"normals", encode_png(normals_to_rgb(picture.normal, w, h), w, h, 3)}};
-    result.rows.push_back(std::move(row));
-    psnrs.push_back(metrics.psnr);
-    if (metrics.ssim) ssims.push_back(*metrics.ssim), ssims_of_the_paper.push_back(*metrics.ssim_of_the_paper);
+    return travelling(std::move(one));
+  });
+  for (nlohmann::json& picture : measured) {
+    MeasuredPicture one = arrived(picture);
+    picture = {};
+    psnrs.push_back(one.row.psnr);
+    if (one.row.ssim) ssims.push_back(*one.row.ssim), ssims_of_the_paper.push_back(*one.row.ssim_of_the_paper);
+    if (one.row.lpips) distances.push_back(*one.row.lpips);
+    result.found.push_back(found_share(one.counts));
+    result.bad.push_back(one.bad);
+    result.unmeasured += !one.comparable;
+    for (const auto count : all_counts) result.root_finding.*count += one.counts.*count;
+    result.rows.push_back(std::move(one.row));
   }
   result.psnr = mean_of_finite(psnrs);
   result.ssim = mean_of_finite(ssims);
@@ -188,7 +239,6 @@ Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture
   result.psnr_spread = spread_of_finite(psnrs);
   result.ssim_spread = spread_of_finite(ssims);
   result.lpips = mean_of_finite(distances);
-  result.root_finding = renderer.root_finder().counts();
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start - lpips_time).count();
   if (!avatar.refined.empty() && capture.motions.contains("train")) result.poses = pose_improvement(avatar.refined, avatar.body, capture.body_template.skeleton, motion_of(capture, "train"));
   return result;

@@ -12,6 +12,7 @@
 #include "host/evaluation/report.h"
 #include "host/evaluation/surface_error.h"
 #include "host/rendering/renderer.h"
+#include "host/training/ranks.h"
 
 namespace arah {
 
@@ -69,8 +70,10 @@ std::vector<float> rgb_on_black(const Image& image);
 // Throws InputError: a split or camera that the capture does not have, no picture to compare with, a person of whom
 // nothing is in view, a template with another skeleton than the avatar's, a picture that cannot be read, a file that is not the
 // LPIPS network (read before anything is rendered).
+// ranks: that share the pictures out among them, each to the one that is free; collective: the whole evaluation on the first rank, on
+// the others one without rows.
 Evaluation evaluate(Device& device, const Avatar& avatar, const Capture& capture, const EvaluationSettings& settings,
-                    const std::function<bool(double)>& progress = {});
+                    const std::function<bool(double)>& progress = {}, const Ranks& ranks = {});
 
 // {"mean": {"psnr", "ssim", "ssim_data_range_2", "lpips"}, "spread": {"psnr", "ssim"}, "images": [{"frame", "camera", "psnr", "ssim", "ssim_data_range_2", "found_percent", "bad_pixels", "lpips"}], "bad_pixels" (of all pictures), "unmeasured" (pictures), "lpips_network", "protocol_name", "split", "protocol", "avatar", "capture",
 // "device", "driver", "version", "seed", "steps", "root_finding": {"points", "converged", ..., "rescued_by_newton", "rescued_from_bones", "rescue_evaluations", "least_found_percent" (of a picture)}, "seconds", "surface": [{"frame", "mean_mm", "percentile_95_mm", "chamfer_cm2", "normal_consistency", "normal_consistency_of_the_paper", "f_score_5mm"}], "surface_mean": the same without "frame", "surface_settings": {"cell_mm", "largest_part", "ground": [a, b, c, d] or null}, "poses": {"frames", "before": {"joints_mm", "rotations_degrees"},

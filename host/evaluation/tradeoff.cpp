@@ -6,11 +6,16 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <tuple>
 
 #include "host/evaluation/evaluate.h"
 #include "host/evaluation/image_metrics.h"
 #include "host/evaluation/lpips.h"
 #include "host/evaluation/picture.h"
+#include "host/evaluation/shared_work.h"
 #include "host/evaluation/timed_launches.h"
 #include "host/input_error.h"
 #include "kernels/linear/cooperative.h"
@@ -93,10 +98,32 @@ std::pair<double, double> geometry_errors(const Picture& picture, const Picture&
   return {depth / count, angle / count * 57.29577951308232};
 }
 
+bool is_preset(const std::string& name) { return std::find(render_presets().begin(), render_presets().end(), name) != render_presets().end(); }
+
+// What is to be measured in each view: of the exact rendering, what its knobs change; or a preset.
+struct Setting {
+  std::string name;
+  Knobs knobs;
+  RenderSettings render;
+};
+
+// One setting in one view, as it travels between ranks. Errors are lists, for they may be absent: of one or of none.
+struct Measured {
+  std::string refused;  // by the renderer, and why; nothing else is there then
+  std::vector<double> times, times_same_pose;
+  double baking_milliseconds = 0, gflop = 0;
+  uint64_t memory_bytes = 0;
+  std::map<std::string, double> stages;
+  uint64_t rays = 0, samples = 0, shaded = 0, searched = 0, steps = 0, converged = 0;
+  std::vector<double> psnr_exact, psnr_photograph, ssim_exact, ssim_photograph, lpips_exact, lpips_photograph;
+  double depth_error = 0, normal_error = 0;
+};
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Measured, refused, times, times_same_pose, baking_milliseconds, gflop, memory_bytes, stages, rays, samples, shaded, searched, steps, converged, psnr_exact, psnr_photograph, ssim_exact, ssim_photograph, lpips_exact, lpips_photograph, depth_error, normal_error)
+
 class Study {
  public:
-  Study(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress)
-      : device_(device), avatar_(avatar), settings_(settings), progress_(progress), views_(evaluation_views(avatar, capture, settings)) {
+  Study(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress, const Ranks& ranks)
+      : device_(device), avatar_(avatar), settings_(settings), progress_(progress), ranks_(ranks), views_(evaluation_views(avatar, capture, settings)) {
     if (!settings.lpips.empty()) lpips_.emplace(settings.lpips);
     result_.lpips = settings.lpips;
     if (settings.repetitions < 1) throw InputError("--repetitions", "", "at least 1", fmt::format("{}", settings.repetitions));
@@ -109,12 +136,31 @@ class Study {
     result_.height = views_.front().camera.height;
     result_.pictures_measured = static_cast<int>(views_.size());
     result_.repetitions = settings_.repetitions;
+    exact_.resize(views_.size());
+    const std::vector<Setting> settings = chosen_settings();
+    std::string names;
+    for (const Setting& setting : settings) names += setting.name + "; ";
+    agree_on_work(ranks_, avatar_, fmt::format("{} pictures of {}, {}, {} columns, {} repetitions of {}", views_.size(), settings_.split, settings_.cameras, settings_.size, settings_.repetitions, names));
+    std::vector<nlohmann::json> measured = shared_out(ranks_, settings.size() * views_.size(), [&](uint64_t number) {
+      const Setting& setting = settings[number / views_.size()];
+      if (progress_) progress_(double(number) / double(settings.size() * views_.size()), setting.name);
+      return measure_where_possible(setting, number % views_.size());
+    });
+    if (!ranks_.first()) return {};
+    for (std::size_t s = 0; s < settings.size(); ++s) add_point(settings[s], std::span(measured).subspan(s * views_.size(), views_.size()));
+    mark_front();
+    pictures();
+    return std::move(result_);
+  }
+
+ private:
+  std::vector<Setting> chosen_settings() {
     const RenderSettings exact = render_preset(avatar_, "paper");
     const std::string& refusal = cooperative_refusal(device_);
-    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling, avatar_.spec, refusal.empty());
-    if (!settings_.presets_alone && !refusal.empty()) result_.left_out.push_back(fmt::format("arithmetic cooperative_matrix: not on {} ({})", result_.device, refusal));
-    total_ = static_cast<double>(knobs.size() + render_presets().size());
-    measure("paper", {}, exact);
+    const bool cooperative = ranks_.broadcast(uint64_t{refusal.empty()}) != 0;  // as the first rank's device: another one may refuse it
+    const std::vector<Knobs> knobs = settings_.presets_alone ? std::vector<Knobs>{} : single_knobs(*exact.sampling, avatar_.spec, cooperative);
+    if (!settings_.presets_alone && !cooperative) result_.left_out.push_back(fmt::format("arithmetic cooperative_matrix: not on {} ({})", result_.device, refusal));
+    std::vector<Setting> settings{{"paper", {}, exact}};
     for (const Knobs& some : knobs) {
       RenderSettings changed = exact;
       std::string name;
@@ -122,19 +168,12 @@ class Study {
         set_render_knob(changed, knob, value);
         name += fmt::format("{}{} {}", name.empty() ? "" : ", ", knob, value);
       }
-      measure_where_possible(name, some, changed);
+      settings.push_back({name, some, changed});
     }
     for (const std::string& preset : render_presets())
-      if (preset != "paper") measure_where_possible(preset, {}, render_preset(avatar_, preset));
-    mark_front();
-    pictures();
-    return std::move(result_);
+      if (preset != "paper") settings.push_back({preset, {}, render_preset(avatar_, preset)});
+    return settings;
   }
-
- private:
-  struct Measured {
-    std::vector<Picture> pictures;
-  };
 
   static std::vector<View> evaluation_views(const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings) {
     EvaluationSettings evaluation;
@@ -161,100 +200,149 @@ class Study {
     return views;
   }
 
-  // What the renderer refuses of this avatar (a density has no surface to search) is named, and the study goes on.
-  void measure_where_possible(const std::string& name, const Knobs& knobs, const RenderSettings& settings) {
+  // What the renderer refuses of this avatar (a density has no surface to search) is named, and the study goes on; not without the exact one.
+  nlohmann::json measure_where_possible(const Setting& setting, std::size_t view) {
     try {
-      measure(name, knobs, settings);
+      return measure(setting, view);
     } catch (const InputError& error) {
-      result_.left_out.push_back(name + ": " + error.what());
+      if (setting.name == "paper") throw;
+      Measured refused;
+      refused.refused = error.what();
+      return refused;
     }
   }
 
-  void measure(const std::string& name, const Knobs& knobs, RenderSettings settings) {
-    if (progress_) progress_(double(result_.points.size()) / total_, name);
-    TradeoffPoint point;
-    point.name = name;
-    point.knobs = knobs;
-    point.settings = render_settings_json(settings);
-    std::vector<double> times, times_same_pose;
-    std::vector<Picture> rendered;
+  nlohmann::json measure(const Setting& setting, std::size_t number) {
+    const View& view = views_[number];
+    Measured m;
     {
-      Renderer renderer(device_, avatar_, settings);  // as it would be used: colours and depths alone
-      for (const View& view : views_)
-        for (int repetition = -1; repetition < settings_.repetitions; ++repetition) {
-          const auto timed = [&] {
-            const auto start = std::chrono::steady_clock::now();
-            renderer.render(view.camera, view.pose, view.latent_row);
-            return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-          };
-          renderer.forget_pose();
-          const double new_pose = timed();
-          if (repetition < 0) continue;
-          times.push_back(new_pose);
-          times_same_pose.push_back(timed());
+      Renderer renderer(device_, avatar_, setting.render);  // as it would be used: colours and depths alone
+      for (int repetition = -1; repetition < settings_.repetitions; ++repetition) {
+        const auto timed = [&] {
+          const auto start = std::chrono::steady_clock::now();
+          renderer.render(view.camera, view.pose, view.latent_row);
+          return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+        };
+        renderer.forget_pose();
+        const double new_pose = timed();
+        if (repetition < 0) {
+          m.baking_milliseconds = 1000 * renderer.work().baking_seconds;
+          continue;
         }
-      point.baking_milliseconds = 1000 * renderer.work().baking_seconds;
-      point.memory_bytes = device_.allocated_bytes();
+        m.times.push_back(new_pose);
+        m.times_same_pose.push_back(timed());
+      }
+      m.memory_bytes = device_.allocated_bytes();
       const bool profiled = device_.profiler().enabled;
       device_.profiler().reset();
       device_.profiler().enabled = true;
       renderer.reset_work();
-      for (const View& view : views_) {
-        renderer.forget_pose();
-        renderer.render(view.camera, view.pose, view.latent_row);
-      }
-      const auto pictures = static_cast<double>(views_.size());
+      renderer.forget_pose();
+      renderer.render(view.camera, view.pose, view.latent_row);
       for (const auto& [stage, statistics] : device_.profiler().stages()) {
-        if (device_.report().timestamp_period_ns > 0) point.stages.emplace_back(stage.empty() ? "other" : stage, statistics.milliseconds / pictures);
-        point.gflop += statistics.cost.flops * 1e-9 / pictures;
+        if (device_.report().timestamp_period_ns > 0) m.stages[stage.empty() ? "other" : stage] = statistics.milliseconds;
+        m.gflop += statistics.cost.flops * 1e-9;
       }
       device_.profiler().reset();
       device_.profiler().enabled = profiled;
       const Renderer::Work& work = renderer.work();
       const RootFindingCounts roots = renderer.root_finder().counts();
-      const auto rays = static_cast<double>(std::max<uint64_t>(work.rays, 1)), samples = static_cast<double>(std::max<uint64_t>(roots.points, 1));
-      point.rays = static_cast<double>(work.rays) / pictures;
-      point.samples_a_ray = static_cast<double>(work.samples) / rays;
-      point.shaded_a_ray = static_cast<double>(work.shaded) / rays;
-      point.search_steps_a_sample = static_cast<double>(roots.steps) / samples;
-      point.found = static_cast<double>(roots.converged) / samples;
+      m.rays = work.rays, m.samples = work.samples, m.shaded = work.shaded;
+      m.searched = roots.points, m.steps = roots.steps, m.converged = roots.converged;
     }
+    const Picture& exact = exact_in(number);
+    const Picture rendered = setting.name == "paper" ? exact : compared(setting.render, view);
+    const int w = view.camera.width, h = view.camera.height;
+    const ImageMetrics to_exact = image_metrics({rendered.color, w, h}, {exact.color, w, h}, view.mask.inside);
+    const ImageMetrics to_photograph = image_metrics({rendered.color, w, h}, {view.photograph, w, h}, view.mask.inside);
+    m.psnr_exact = {to_exact.psnr};
+    m.psnr_photograph = {to_photograph.psnr};
+    if (to_exact.ssim) m.ssim_exact = {*to_exact.ssim};
+    if (to_photograph.ssim) m.ssim_photograph = {*to_photograph.ssim};
+    if (lpips_) {
+      m.lpips_exact = {lpips_->distance({rendered.color, w, h}, {exact.color, w, h}, to_exact.crop)};
+      m.lpips_photograph = {lpips_->distance({rendered.color, w, h}, {view.photograph, w, h}, to_photograph.crop)};
+    }
+    std::tie(m.depth_error, m.normal_error) = geometry_errors(rendered, exact);
+    nlohmann::json json = m;
+    if (is_preset(setting.name)) json["picture"] = nlohmann::json::binary(rows_of(rendered, 0, h));
+    return json;
+  }
+
+  // Not timed: with normals.
+  Picture compared(RenderSettings settings, const View& view) {
     settings.normals = true;
     settings.memory_bytes = memory_of_errors;
-    Renderer renderer(device_, avatar_, settings);
-    std::vector<double> psnr_exact, psnr_photograph, ssim_exact, ssim_photograph, lpips_exact, lpips_photograph;
-    for (std::size_t i = 0; i < views_.size(); ++i) {
-      const View& view = views_[i];
-      rendered.push_back(renderer.render(view.camera, view.pose, view.latent_row));
-      const Picture& exact = exact_.empty() ? rendered[i] : exact_[i];
-      const int w = view.camera.width, h = view.camera.height;
-      const ImageMetrics to_exact = image_metrics({rendered[i].color, w, h}, {exact.color, w, h}, view.mask.inside);
-      const ImageMetrics to_photograph = image_metrics({rendered[i].color, w, h}, {view.photograph, w, h}, view.mask.inside);
-      psnr_exact.push_back(to_exact.psnr);
-      psnr_photograph.push_back(to_photograph.psnr);
-      if (to_exact.ssim) ssim_exact.push_back(*to_exact.ssim);
-      if (to_photograph.ssim) ssim_photograph.push_back(*to_photograph.ssim);
-      if (lpips_) {
-        lpips_exact.push_back(lpips_->distance({rendered[i].color, w, h}, {exact.color, w, h}, to_exact.crop));
-        lpips_photograph.push_back(lpips_->distance({rendered[i].color, w, h}, {view.photograph, w, h}, to_photograph.crop));
+    return Renderer(device_, avatar_, settings).render(view.camera, view.pose, view.latent_row);
+  }
+
+  // Made by each rank that measures in this view.
+  const Picture& exact_in(std::size_t view) {
+    if (!exact_[view]) exact_[view] = compared(render_preset(avatar_, "paper"), views_[view]);
+    return *exact_[view];
+  }
+
+  Picture arrived(const nlohmann::json& bytes, const View& view) {
+    Picture picture;
+    picture.width = view.camera.width;
+    picture.height = view.camera.height;
+    const std::size_t pixels = view.mask.inside.size();
+    picture.color.resize(3 * pixels);
+    picture.alpha.resize(pixels);
+    picture.depth.resize(pixels);
+    picture.normal.resize(3 * pixels);
+    put_rows(picture, 0, picture.height, bytes.get_binary());
+    return picture;
+  }
+
+  // measured: by view.
+  void add_point(const Setting& setting, std::span<nlohmann::json> measured) {
+    TradeoffPoint point;
+    point.name = setting.name;
+    point.knobs = setting.knobs;
+    point.settings = render_settings_json(setting.render);
+    const auto pictures = static_cast<double>(measured.size());
+    Measured all;
+    const auto append = [](std::vector<double>& to, const std::vector<double>& from) { to.insert(to.end(), from.begin(), from.end()); };
+    for (const nlohmann::json& json : measured) {
+      const auto one = json.get<Measured>();
+      if (!one.refused.empty()) {
+        result_.left_out.push_back(setting.name + ": " + one.refused);
+        return;
       }
-      const auto [depth, normal] = geometry_errors(rendered[i], exact);
-      point.depth_error += depth / static_cast<double>(views_.size());
-      point.normal_error += normal / static_cast<double>(views_.size());
+      for (const auto list : {&Measured::times, &Measured::times_same_pose, &Measured::psnr_exact, &Measured::psnr_photograph, &Measured::ssim_exact, &Measured::ssim_photograph, &Measured::lpips_exact, &Measured::lpips_photograph}) append(all.*list, one.*list);
+      for (const auto sum : {&Measured::rays, &Measured::samples, &Measured::shaded, &Measured::searched, &Measured::steps, &Measured::converged}) all.*sum += one.*sum;
+      for (const auto& [stage, milliseconds] : one.stages) all.stages[stage] += milliseconds / pictures;
+      point.baking_milliseconds += one.baking_milliseconds / pictures;
+      point.gflop += one.gflop / pictures;
+      point.memory_bytes = std::max(point.memory_bytes, one.memory_bytes);
+      point.depth_error += one.depth_error / pictures;
+      point.normal_error += one.normal_error / pictures;
     }
-    if (exact_.empty()) exact_ = rendered;
-    if (std::find(render_presets().begin(), render_presets().end(), name) != render_presets().end()) presets_.emplace_back(name, std::move(rendered));
-    const auto mean = [](const std::vector<double>& values) { return mean_of_finite(values); };
-    point.psnr_exact = mean(psnr_exact).value_or(std::numeric_limits<double>::infinity());
-    point.psnr = mean(psnr_photograph).value_or(std::numeric_limits<double>::infinity());
-    point.ssim_exact = mean(ssim_exact);
-    point.ssim = mean(ssim_photograph);
-    point.lpips_exact = mean(lpips_exact);
-    point.lpips = mean(lpips_photograph);
-    point.milliseconds = median(times);
-    point.milliseconds_same_pose = median(times_same_pose);
-    point.fastest = *std::min_element(times.begin(), times.end());
-    point.slowest = *std::max_element(times.begin(), times.end());
+    if (is_preset(setting.name)) {
+      presets_.emplace_back(setting.name, std::vector<Picture>{});
+      for (std::size_t v = 0; v < measured.size(); ++v) {
+        presets_.back().second.push_back(arrived(measured[v].at("picture"), views_[v]));
+        measured[v] = {};
+      }
+    }
+    const auto rays = static_cast<double>(std::max<uint64_t>(all.rays, 1)), samples = static_cast<double>(std::max<uint64_t>(all.searched, 1));
+    point.stages.assign(all.stages.begin(), all.stages.end());
+    point.rays = static_cast<double>(all.rays) / pictures;
+    point.samples_a_ray = static_cast<double>(all.samples) / rays;
+    point.shaded_a_ray = static_cast<double>(all.shaded) / rays;
+    point.search_steps_a_sample = static_cast<double>(all.steps) / samples;
+    point.found = static_cast<double>(all.converged) / samples;
+    point.psnr_exact = mean_of_finite(all.psnr_exact).value_or(std::numeric_limits<double>::infinity());
+    point.psnr = mean_of_finite(all.psnr_photograph).value_or(std::numeric_limits<double>::infinity());
+    point.ssim_exact = mean_of_finite(all.ssim_exact);
+    point.ssim = mean_of_finite(all.ssim_photograph);
+    point.lpips_exact = mean_of_finite(all.lpips_exact);
+    point.lpips = mean_of_finite(all.lpips_photograph);
+    point.milliseconds = median(all.times);
+    point.milliseconds_same_pose = median(all.times_same_pose);
+    point.fastest = *std::min_element(all.times.begin(), all.times.end());
+    point.slowest = *std::max_element(all.times.begin(), all.times.end());
     result_.points.push_back(std::move(point));
   }
 
@@ -280,7 +368,7 @@ class Study {
         if (lpips_) row.lpips = lpips_->distance({rendered[i].color, w, h}, {view.photograph, w, h}, metrics.crop);
         row.images = {{"photograph", encode_png(view.photograph, w, h, 3)},
                       {"preset " + name, encode_png(rendered[i].color, w, h, 3)},
-                      {"against the exact one ×4", encode_png(error_map(rendered[i].color, exact_[i].color, w, h), w, h, 3)},
+                      {"against the exact one ×4", encode_png(error_map(rendered[i].color, presets_.front().second[i].color, w, h), w, h, 3)},
                       {"normals", encode_png(normals_to_rgb(rendered[i].normal, w, h), w, h, 3)}};
         result_.pictures.push_back(std::move(row));
       }
@@ -291,12 +379,12 @@ class Study {
   const Avatar& avatar_;
   const TradeoffSettings& settings_;
   const std::function<void(double, const std::string&)>& progress_;
+  const Ranks& ranks_;
   std::vector<View> views_;
   std::optional<Lpips> lpips_;
-  std::vector<Picture> exact_;
-  std::vector<std::pair<std::string, std::vector<Picture>>> presets_;
+  std::vector<std::optional<Picture>> exact_;  // by view
+  std::vector<std::pair<std::string, std::vector<Picture>>> presets_;  // by view; the exact one first
   Tradeoff result_;
-  double total_ = 1;
 };
 
 std::string lpips_text(const std::optional<double>& value) { return value ? fmt::format(", LPIPS {:.4f}", *value) : ""; }
@@ -305,8 +393,8 @@ std::string optional_text(const std::optional<double>& value, const char* format
 
 }  // namespace
 
-Tradeoff measure_tradeoff(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress) {
-  return Study(device, avatar, capture, settings, progress).run();
+Tradeoff measure_tradeoff(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings, const std::function<void(double, const std::string&)>& progress, const Ranks& ranks) {
+  return Study(device, avatar, capture, settings, progress, ranks).run();
 }
 
 const TradeoffPoint* fastest_within_error(const Tradeoff& tradeoff, double decibels) {

@@ -12,6 +12,7 @@
 #include "host/avatar/avatar.h"
 #include "host/evaluation/report.h"
 #include "host/rendering/renderer.h"
+#include "host/training/ranks.h"
 
 namespace arah {
 
@@ -32,7 +33,7 @@ struct TradeoffPoint {
   std::string settings;                                     // render_settings_json
   double milliseconds = 0, fastest = 0, slowest = 0;        // of a picture of a new pose, everything included but baking
   double milliseconds_same_pose = 0;                        // of another picture of that pose
-  double baking_milliseconds = 0;                           // once for each code, before its first picture
+  double baking_milliseconds = 0;                           // once for each code, before its first picture: the mean over the pictures
   std::vector<std::pair<std::string, double>> stages;       // milliseconds of a picture on the device, by stage; empty without timestamps
   double gflop = 0;                                         // of a picture: 10^9 operations of the launches, as their formulas count
   double rays = 0, samples_a_ray = 0, shaded_a_ray = 0, search_steps_a_sample = 0, found = 0;  // found: share of samples with a correspondence
@@ -55,9 +56,10 @@ struct Tradeoff {
   std::filesystem::path lpips;  // the network; empty: not measured
 };
 
-// progress: the part done, 0..1, and what is being measured. Throws InputError as evaluate does.
+// progress: the part done, 0..1, and what is being measured. Throws InputError as evaluate does. ranks: that share out the settings,
+// picture by picture, each to the one that is free; collective: the study on the first rank, on the others one without points.
 Tradeoff measure_tradeoff(Device& device, const Avatar& avatar, const Capture& capture, const TradeoffSettings& settings,
-                          const std::function<void(double, const std::string&)>& progress = {});
+                          const std::function<void(double, const std::string&)>& progress = {}, const Ranks& ranks = {});
 
 // The fastest point whose PSNR against the photographs is at most `decibels` below the exact rendering's; the point nearest to
 // the exact rendering within this time. Null: none.

@@ -102,12 +102,17 @@ uint32_t Renderer::planned_rays() {
 }
 
 Picture Renderer::render(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress) {
-  if (settings_.pixel_step <= 1) return render_every_pixel(camera, pose, latent_row, progress);
-  const int columns = std::max(1, (camera.width + settings_.pixel_step - 1) / settings_.pixel_step);
-  return enlarged(render_every_pixel(camera.scaled(columns), pose, latent_row, progress), camera.width, camera.height);
+  const Camera every_pixel = computed(camera);
+  return whole(render_rows(every_pixel, pose, latent_row, 0, every_pixel.height, progress), camera);
 }
 
-Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress) {
+Camera Renderer::computed(const Camera& camera) const {
+  return settings_.pixel_step <= 1 ? camera : camera.scaled(std::max(1, (camera.width + settings_.pixel_step - 1) / settings_.pixel_step));
+}
+
+Picture Renderer::whole(Picture rows, const Camera& camera) const { return settings_.pixel_step <= 1 ? std::move(rows) : enlarged(rows, camera.width, camera.height); }
+
+Picture Renderer::render_rows(const Camera& camera, const Pose& pose, std::size_t latent_row, int begin, int end, const RenderingProgress& progress) {
   Picture picture;
   int rows = 0;
   const auto report = [&](double done) {
@@ -128,7 +133,7 @@ Picture Renderer::render_every_pixel(const Camera& camera, const Pose& pose, std
 
   SurfaceHits surface;
   if (draws_mesh()) surface = mesh_->seen(pose, camera, settings_.outline * density_scale(avatar_));
-  const std::vector<uint32_t> seen = pixels_to_render(frame, camera, surface);
+  const std::vector<uint32_t> seen = pixels_to_render(frame, camera, begin, end, surface);
   // A search of the surface takes about as long as what follows.
   const double searching = searches_surface() ? 0.5 : 0;
   if (searches_surface()) surface = find_surface(frame, camera, seen, [&](double done) { report(searching * done); });
@@ -209,13 +214,13 @@ SurfaceHits Renderer::find_surface(FrameOnDevice& frame, const Camera& camera, c
 
 // Those where something may be seen, so that only they fill chunks: where the mesh is all there is to see, what it covers;
 // else those whose rays enter the shell.
-std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SurfaceHits& seen) {
+std::vector<uint32_t> Renderer::pixels_to_render(FrameOnDevice& frame, const Camera& camera, int begin, int end, const SurfaceHits& seen) {
   std::vector<uint32_t> all, some;
-  for (int v = 0; v < camera.height; ++v)
+  for (int v = begin; v < end; ++v)
     for (int u = 0; u < camera.width; ++u) all.push_back(static_cast<uint32_t>(u) | static_cast<uint32_t>(v) << 16);
   if (draws_mesh() && sampling_.mode == SamplingMode::surface_only) {
-    for (size_t i = 0; i < all.size(); ++i)
-      if (seen.points[i][3] > 0) some.push_back(all[i]);
+    for (const uint32_t pixel : all)
+      if (seen.points[pixel_index(pixel, camera.width)][3] > 0) some.push_back(pixel);
     return some;
   }
   const uint32_t look = samples_->capacity_pixels();

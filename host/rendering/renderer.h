@@ -45,6 +45,12 @@ class Renderer {
   // What belongs to the pose or the code alone (the posed template, its grid of roots, baked distances) is kept for the next
   // picture. Asks progress between the chunks of rays, or of what is made once for a pose or a code; throws RenderingStopped where it says so.
   Picture render(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress = {});
+  // The same in parts, for those who share it out: whole(render_rows(computed(camera), ...), camera). computed: of the picture whose every
+  // pixel is computed, smaller where pixel_step > 1. render_rows: of its rows begin ... end - 1, which do not depend on what part they are
+  // in; the others are 0. whole: with the pixels between.
+  Camera computed(const Camera& camera) const;
+  Picture render_rows(const Camera& computed, const Pose& pose, std::size_t latent_row, int begin, int end, const RenderingProgress& progress = {});
+  Picture whole(Picture rows, const Camera& camera) const;
   const PointRootFinder& root_finder() const { return samples_->root_finder(); }
 
   // Signed distances on a plane; each point's canonical one by the paper's search and distances from the network, whatever the settings
@@ -74,12 +80,11 @@ class Renderer {
   bool draws_mesh() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::mesh; }
   bool searches_surface() const { return asks_for_surface(sampling_.mode) && sampling_.surface == SurfaceSource::search; }
   uint32_t planned_rays();
-  Picture render_every_pixel(const Camera& camera, const Pose& pose, std::size_t latent_row, const RenderingProgress& progress);
   FrameOnDevice& packed(const Pose& pose, std::size_t latent_row, const std::function<void()>& between);
   FrameOnDevice& posed(const Pose& pose, const std::function<void()>& between);
   void bake(FrameOnDevice& frame, std::size_t latent_row, const std::function<void()>& between);
   SurfaceHits find_surface(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const std::function<void(double)>& progress);
-  std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, const SurfaceHits& seen);
+  std::vector<uint32_t> pixels_to_render(FrameOnDevice& frame, const Camera& camera, int begin, int end, const SurfaceHits& seen);
   void render_chunk(FrameOnDevice& frame, const Camera& camera, const std::vector<uint32_t>& pixels, const SurfaceHits& seen, Picture& picture);
 
   Device& device_;

@@ -82,6 +82,7 @@ namespace {
 std::vector<MPI_Comm> groups{MPI_COMM_WORLD};  // by Ranks::group_
 // Numbers that are exchanged together, so that the room for them stays small beside a large avatar's: 64 MiB of floats.
 constexpr std::size_t numbers_at_a_time = std::size_t{1} << 24;
+constexpr std::size_t bytes_at_a_time = std::size_t{1} << 26;
 
 // Variables that launchers set for each process: Open MPI, PMIx (Slurm), MPICH.
 bool launched() {
@@ -258,6 +259,28 @@ std::vector<std::string> Ranks::gather(const std::string& bytes) const {
   return result;
 }
 
+std::vector<std::string> Ranks::collect(const std::string& bytes) const {
+  if (count_ == 1) return {bytes};
+  const std::vector<std::string> sizes = gather(std::to_string(bytes.size()));
+  const auto pass = [&](auto&& call, const char* name, auto* begin, std::size_t size, uint32_t other) {
+    for (std::size_t at = 0; at < size; at += bytes_at_a_time) {
+      MPI_Request request;
+      refuse(call(begin + at, static_cast<int>(std::min(bytes_at_a_time, size - at)), MPI_CHAR, static_cast<int>(other), 0, groups[group_], &request), name);
+      wait_for(request);
+    }
+  };
+  if (!first()) {
+    pass(MPI_Isend, "MPI_Isend", bytes.data(), bytes.size(), 0);
+    return {};
+  }
+  std::vector<std::string> result{bytes};
+  for (uint32_t r = 1; r < count_; ++r) {
+    std::string& other = result.emplace_back(std::strtoull(sizes[r].c_str(), nullptr, 10), '\0');
+    pass(MPI_Irecv, "MPI_Irecv", other.data(), other.size(), r);
+  }
+  return result;
+}
+
 void Ranks::wait_for_all() const {
   if (count_ == 1) return;
   MPI_Request request;
@@ -316,6 +339,7 @@ void Ranks::broadcast(std::string&) const {}
 void Ranks::broadcast(std::span<float>) const {}
 Ranks Ranks::first_ranks(uint32_t) const { return {}; }
 std::vector<std::string> Ranks::gather(const std::string& bytes) const { return {bytes}; }
+std::vector<std::string> Ranks::collect(const std::string& bytes) const { return {bytes}; }
 void Ranks::wait_for_all() const {}
 
 bool Ranks::share(uint64_t count, const std::function<bool(uint64_t)>& work) const {

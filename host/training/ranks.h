@@ -59,6 +59,8 @@ class Ranks {
   uint64_t broadcast(uint64_t number) const;
   // Collective: every rank's, by rank.
   std::vector<std::string> gather(const std::string& bytes) const;
+  // Collective: the same, of any length, for the first rank alone; nothing on the others.
+  std::vector<std::string> collect(const std::string& bytes) const;
   // Collective: whether all ranks have this.
   bool all_alike(const std::string& text) const;
   // Collective: throws InputError, on all ranks alike, where one of these is another one on some rank, naming rank and fact.
