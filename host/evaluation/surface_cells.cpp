@@ -3,13 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <glm/common.hpp>
 #include <stdexcept>
 #include <unordered_map>
 #include <unordered_set>
 
-#include "host/rendering/baked_distances.h"
+#include "host/rendering/surface_reach.h"
 #include "kernels/meshing/marching_cubes.h"
 
 namespace arah {
@@ -59,19 +60,17 @@ class Refinement {
   }
 
  private:
-  // Whether the level may lie in a cube of that edge with such values at its corners: it is no farther from one of them than half a diagonal.
-  // Of the finest cubes, whether they show it.
+  // Whether the level may lie in a cube of that edge with such values at its corners. Of the finest cubes, whether they show it.
   template <typename Values>
   bool may_reach(int edge, const Values& at) const {
-    const double near = steepest_distance * std::sqrt(3.0) / 2 * edge * cell_;
-    bool close = false;
-    int inside = 0;
-    for (int i = 0; i < 8; ++i) {
-      const double value = at(i);
-      close |= std::abs(value) < near;
-      inside += value < 0;
+    std::array<double, 8> corners{};
+    for (int i = 0; i < 8; ++i) corners[static_cast<size_t>(i)] = at(i);
+    if (edge == 1) {
+      const auto inside = std::count_if(corners.begin(), corners.end(), [](double value) { return value < 0; });
+      return inside > 0 && inside < 8;
     }
-    return edge == 1 ? inside > 0 && inside < 8 : close;
+    const double near = surface_reach(corners, edge * cell_);
+    return std::any_of(corners.begin(), corners.end(), [near](double value) { return std::abs(value) < near; });
   }
 
   double of_node(const glm::ivec3& node, double value) const {

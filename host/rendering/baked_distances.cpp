@@ -6,6 +6,7 @@
 #include <glm/common.hpp>
 
 #include "host/body/canonical.h"
+#include "host/rendering/surface_reach.h"
 #include "host/rendering/template_distances.h"
 
 namespace arah {
@@ -113,14 +114,15 @@ void BakedDistances::bake(Commands& commands, Field& field, const BufferSlice& f
   for (int edge = coarse_edge; edge > 1; edge /= 2) {
     const int half = edge / 2;
     // Of a corner. Between corners the distance falls below theirs by the field's curvature, h²/8 of it: a quarter of an edge h about
-    // a finger whose radius is half of one. And no surface may be missed: none is farther from a corner than half the diagonal.
-    const double h = edge * samples_.cell, near = std::max(full_band(avatar_, samples_.cell) + h / 2, steepest_distance * std::sqrt(3.0) / 2 * h);
+    // a finger whose radius is half of one. And no surface may be missed.
+    const double h = edge * samples_.cell, band = full_band(avatar_, samples_.cell) + h / 2;
     std::vector<glm::ivec3> finer;
     asked.clear();
     for (const glm::ivec3& cell : cells) {
-      bool reaches = false;
-      for (int i = 0; i < 8; ++i) reaches |= std::abs(double{samples_.values[samples_.index(cell.x + edge * (i & 1), cell.y + edge * (i >> 1 & 1), cell.z + edge * (i >> 2))]}) < near;
-      if (!reaches) continue;
+      std::array<double, 8> corners{};
+      for (int i = 0; i < 8; ++i) corners[static_cast<size_t>(i)] = double{samples_.values[samples_.index(cell.x + edge * (i & 1), cell.y + edge * (i >> 1 & 1), cell.z + edge * (i >> 2))]};
+      const double near = std::max(band, surface_reach(corners, h));
+      if (std::none_of(corners.begin(), corners.end(), [near](double distance) { return std::abs(distance) < near; })) continue;
       for (int i = 0; i < 27; ++i) ask(cell + half * glm::ivec3(i % 3, i / 3 % 3, i / 9));
       for (int i = 0; i < 8; ++i) finer.push_back(cell + half * glm::ivec3(i & 1, i >> 1 & 1, i >> 2));
     }

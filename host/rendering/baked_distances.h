@@ -11,8 +11,6 @@
 
 namespace arah {
 
-inline constexpr double steepest_distance = 1.2;  // the network is a distance only nearly: its slope near the surface, at most
-
 class BakedDistances {
  public:
   // cell: metres between the nodes of the band. Larger where a large body would need more than 16 million of them.

@@ -95,6 +95,16 @@ TEST(SurfaceCells, FollowTheSurfaceBeyondTheFirstGuess) {
   EXPECT_NEAR(farthest, 0.116, 0.0045) << "as far as the rough field leaves it open: two of its cells";
 }
 
+// A field that is steeper than a distance, as a trained network's is in places: no hole where its values are far from 0 at all corners of a cube.
+TEST(SurfaceCells, MissNothingOfASteepField) {
+  for (const double slope : {0.5, 1.0, 1.3, 2.0, 4.0, 10.0}) {
+    const ImplicitField steep = [slope](const glm::dvec3& p) { return slope * ball(p); };
+    const TriangleMesh mesh = meshed(surface_cells(sampled(steep, glm::dvec3(-0.16), 0.016, glm::ivec3(21)), 2, 0, asking(steep)));
+    EXPECT_EQ(open_edges(mesh), 0u) << "slope " << slope;
+    EXPECT_NEAR(volume(mesh) / ball_volume, 1, 3e-3) << "slope " << slope;
+  }
+}
+
 TEST(SurfaceCells, CloseTheMeshAtTheBoxAndRefuseNotANumber) {
   const FieldSamples<float> rough = sampled(ball, glm::dvec3(-0.16, -0.16, -0.16), 0.008, glm::ivec3(21, 41, 41));  // cut through the middle
   const TriangleMesh half = meshed(surface_cells(rough, 1, 0, asking(ball)));

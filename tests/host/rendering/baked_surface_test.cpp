@@ -85,6 +85,42 @@ TEST_F(BakedSurface, IsWhereTheNetworkSays) {
   }
 }
 
+// Colours make a trained field steeper than a distance, twice in the mean where it was measured. Cells that its surface passes through are found all the same.
+TEST_F(BakedSurface, OfASteepFieldIsWhereThatOfADistanceIs) {
+  struct Baked {
+    FieldSamples<float> samples;
+    std::vector<glm::dvec3> vertices;
+    uint64_t evaluated = 0;
+  };
+  const auto baked_at = [&](float slope) {
+    Avatar avatar = capsule_avatar(device, small_paper_spec());
+    avatar.tensor("b")[0] = 1e-4f;  // no wide band that would hide what is missed
+    for (const char* const last : {"W", "b"})
+      for (float& value : avatar.tensor("sdf." + std::to_string(avatar.spec.sdf.sine_layers) + "." + last)) value *= slope;
+    AvatarNetworks networks(device, avatar, false);
+    TemplateOnDevice body(device, avatar.body);
+    FrameOnDevice frame(device, avatar, body, rest_pose(avatar.body.skeleton), {});
+    Field field(device, networks, 1000, 1, {.capacity = point_padding}, false);
+    networks.record_pack(commands, 0, {});
+    commands.submit_and_wait();
+    BakedDistances baked(device, avatar, 0.006);
+    baked.bake(commands, field, frame.constants());
+    const SurfaceMesh mesh(device, commands, networks, avatar, smooth_net(baked.samples()), frame.constants());
+    return Baked{baked.samples(), mesh.canonical().vertices, baked.evaluated()};
+  };
+  const Baked plain = baked_at(1);
+  EXPECT_GT(plain.vertices.size(), 5000u);
+  for (const float slope : {2.0f, 4.0f}) {
+    const Baked steep = baked_at(slope);
+    double off = 0;
+    for (const glm::dvec3& vertex : steep.vertices) off = std::max(off, std::abs(plain.samples.between(vertex)));
+    std::printf("  slope %g: %llu points asked (%llu of slope 1), mesh of %zu vertices (%zu), up to %.3f mm off\n", double{slope}, static_cast<unsigned long long>(steep.evaluated), static_cast<unsigned long long>(plain.evaluated),
+                steep.vertices.size(), plain.vertices.size(), 1000 * off);
+    EXPECT_LT(off, 0.0004) << slope;  // twice what each may be off
+    EXPECT_NEAR(double(steep.vertices.size()) / double(plain.vertices.size()), 1, 0.01) << slope;
+  }
+}
+
 // What the drawn mesh shows lies where the joint search finds the surface, with every kind of skinning.
 TEST_F(BakedSurface, IsSeenWhereRaysMeetIt) {
   for (const Skinning kind : {Skinning::network, Skinning::template_weights, Skinning::none}) {
