@@ -43,6 +43,11 @@ struct RowCase {
   ColorRow row;
   uint32_t rays, samples_per_ray, grid_channels, column;
   bool rotated = false;  // view directions, where the surface could be seen so
+
+  // GoogleTest would print every byte, padding that nobody wrote among them.
+  friend void PrintTo(const RowCase& c, std::ostream* out) {
+    *out << c.rays << " rays of " << c.samples_per_ray << " samples, " << c.grid_channels << " grid channels from column " << c.column << (c.rotated ? ", rotated" : "");
+  }
 };
 
 class ColorRows : public ColorTest, public testing::WithParamInterface<RowCase> {};
