@@ -7,7 +7,7 @@
 namespace arah {
 
 enum class SdfPenalty {
-  off_surface,  // Σ exp(−100 f) / N over points well outside the body; below f = −0.2 the tangent there, so that it stays finite
+  off_surface,  // Σ exp(−100 f) / N over points well outside the body; infinite for f < −0.88
   inside,       // Σ sigmoid(5000 f) / N over points well inside it
   on_surface,   // Σ |f| / N over points of the surface
   near_zero,    // Σ exp(−100 |f|) / N over points anywhere else

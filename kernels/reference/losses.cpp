@@ -46,9 +46,9 @@ EikonalLoss eikonal_loss(std::span<const std::array<double, 3>> sdf_gradients, d
 ScalarLoss off_surface_loss(std::span<const double> sdf, double rays) {
   ScalarLoss loss{0, std::vector<double>(sdf.size())};
   for (std::size_t i = 0; i < sdf.size(); ++i) {
-    const double t = -100 * sdf[i], bounded = t > off_surface_linear_above ? off_surface_linear_above : t, grown = std::exp(bounded) / rays;
-    loss.value += grown * (1 + (t - bounded));
-    loss.gradient[i] = -100 * grown;
+    const double value = std::exp(-100 * sdf[i]) / rays;
+    loss.value += value;
+    loss.gradient[i] = -100 * value;
   }
   return loss;
 }

@@ -33,9 +33,8 @@ struct ScalarLoss {
   std::vector<double> gradient;  // to the first argument
 };
 
-// Σ exp(−100 f) / N over points well outside the body; f in cube units. Below f = −0.2, where it is 5e8, it goes on as its tangent,
-// e^20 (1 − 100 f − 20): e^(−100 f) is infinite in float32 from −0.887 on, and so would be the gradient that leads back.
-inline constexpr double off_surface_linear_above = 20;  // of −100 f
+// Σ exp(−100 f) / N over points well outside the body; f in cube units. Not bounded for f < 0: infinite from −7.1 on
+// (in float32 from −0.88), where such a point has long been a failed training.
 ScalarLoss off_surface_loss(std::span<const double> sdf, double rays);
 
 // Σ sigmoid(5000 f) / N over points well inside the body; f in cube units.

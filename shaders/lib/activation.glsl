@@ -20,9 +20,9 @@ vec4 activate(int activation, vec4 x, out vec4 cosine) {
     case ACTIVATION_RELU: return relu(x);
     case ACTIVATION_LEAKY_RELU: return max(x, LEAKY_SLOPE * x);
     case ACTIVATION_SOFTPLUS: {
-      // log(1 + e^t) = max(t, 0) + log(1 + e^−|t|): no overflow for any t, and e^t to its last digits where t is far below 0
+      // log(1 + e^t) = max(t, 0) + log(1 + e^−|t|): no overflow for any t
       const vec4 t = SOFTPLUS_BETA * x;
-      const vec4 soft = (max(t, vec4(0)) + log1p_to_one(exp(-abs(t)))) * (1.0 / SOFTPLUS_BETA);
+      const vec4 soft = (max(t, vec4(0)) + log(1.0 + exp(-abs(t)))) * (1.0 / SOFTPLUS_BETA);
       return mix(soft, x, greaterThan(t, vec4(SOFTPLUS_LINEAR_ABOVE)));
     }
     case ACTIVATION_SINE: return sine(x, cosine);
@@ -40,7 +40,7 @@ vec4 derivative_from_stored(int activation, vec4 stored) {
   switch (activation) {
     case ACTIVATION_RELU: return vec4(greaterThan(stored, vec4(0)));
     case ACTIVATION_LEAKY_RELU: return mix(vec4(LEAKY_SLOPE), vec4(1), greaterThan(stored, vec4(0)));
-    case ACTIVATION_SOFTPLUS: return one_minus_exp(SOFTPLUS_BETA * stored);  // 1 + e^t = e^(β y), so sigmoid(t) = 1 − e^(−β y)
+    case ACTIVATION_SOFTPLUS: return 1.0 - exp(-SOFTPLUS_BETA * stored);  // 1 + e^t = e^(β y), so sigmoid(t) = 1 − e^(−β y)
     case ACTIVATION_SINE: return stored;
     case ACTIVATION_SIGMOID: return stored * (1.0 - stored);
     default: return vec4(1);

@@ -19,20 +19,6 @@ float stable_log1p(float x) {
   return abs(x) < 0.5 ? series : log(1.0 + x);
 }
 
-// log(1 + x), x from 0 to 1: 2 artanh(s), s = x / (2 + x) ≤ ⅓. artanh(s) / s as a polynomial of s² that meets it at Chebyshev's nodes,
-// within 5e-9: two terms fewer than its series, because layers of networks end with this.
-vec4 log1p_to_one(vec4 x) {
-  vec4 s = x / (2.0 + x);
-  vec4 q = s * s;
-  return 2.0 * s * (1.0 + q * (0.3333316 + q * (0.20012298 + q * (0.13982579 + q * 0.14078889))));
-}
-
-// 1 − exp(−x). Within ±⅛ the series to x⁵/5!, whose rest is below 5e-8 of the result.
-vec4 one_minus_exp(vec4 x) {
-  vec4 series = x * (1.0 - x * (1.0 / 2.0) * (1.0 - x * (1.0 / 3.0) * (1.0 - x * (1.0 / 4.0) * (1.0 - x * (1.0 / 5.0)))));
-  return mix(1.0 - exp(-x), series, lessThan(abs(x), vec4(0.125)));
-}
-
 // 1 / (1 + exp(−x)) without overflow for either sign, exact in the tail that goes to 0.
 float stable_sigmoid(float x) {
   float e = exp(-abs(x));

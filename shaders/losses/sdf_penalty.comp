@@ -1,5 +1,5 @@
 // Penalties on the sdf's values (ARAH.md sections 7 and 10), f in cube units: Σ exp(−100 f) / N over points outside the
-// body, linear below f = −0.2 (0), Σ sigmoid(5000 f) / N over points inside (1), Σ |f| / N on the surface (2), Σ exp(−100 |f|) / N off it (3).
+// body (0), Σ sigmoid(5000 f) / N over points inside (1), Σ |f| / N on the surface (2), Σ exp(−100 |f|) / N off it (3).
 // One invocation takes one point: reads f, writes (=) the weighted gradient, channels beyond the first and padding rows
 // as 0. Each workgroup leaves its unweighted sum in `partials`.
 #version 450
@@ -12,8 +12,6 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint penalty = 0;
 layout(constant_id = 1) const uint d_sdf_quads = 2;  // channels / 4 that are written
-
-const float OFF_SURFACE_LINEAR_ABOVE = 20.0;  // of t = −100 f: e^t, beyond it e^20 (1 + t − 20), the tangent there (reference::off_surface_loss)
 
 layout(push_constant, scalar) uniform Constants { SdfPenaltyConstants c; };
 layout(binding = 0, scalar) readonly buffer Sdf { float sdf[]; };
@@ -35,11 +33,8 @@ void main() {
     value = exp(-100.0 * abs(f));
     slope = isnan(f) ? f : -100.0 * value * sign(f);
   } else {
-    float t = -100.0 * f;
-    float bounded = t > OFF_SURFACE_LINEAR_ABOVE ? OFF_SURFACE_LINEAR_ABOVE : t;  // a NaN stays one
-    float grown = exp(bounded);
-    value = grown * (1.0 + (t - bounded));
-    slope = -100.0 * grown;
+    value = exp(-100.0 * f);
+    slope = -100.0 * value;
   }
   float gradient = c.weight * c.inverse_normaliser * slope;
   uint quad_of_row = index * (c.d_stride / 4u) + c.d_column / 4u;

@@ -13,7 +13,6 @@
 #include "kernels/losses/image.h"
 #include "kernels/losses/mask.h"
 #include "kernels/losses/normal.h"
-#include "kernels/losses/sdf_penalty.h"
 #include "kernels/optimizer/adam.h"
 #include "kernels/reduction/sum.h"
 #include "kernels/reference/activation.h"
@@ -305,51 +304,6 @@ TEST_F(LossExtremes, MasksOfOneKindInSurfaceRendering) {
       expect_within(Row::masks, Way::forward, name, "relative error", std::abs(device.download<float>(losses.slice())[0] / truth.value - 1), 1e-6);
       expect_within(Row::masks, Way::backward, name, "error of the slope", largest_error(rows_of(device.download<float>(d.slice()), rays, 1, 8), truth.gradient, 1), float32_bound);
     }
-}
-
-// Points outside of which the network says that they lie inside, down to 1e6 cube units, and the penalty of points inside.
-TEST_F(LossExtremes, PenaltiesOfDistances) {
-  std::vector<float> f = {0, -0.2F, -0.887F, -0.9F, -1, -1e6F, 1, 1e6F};
-  for (double size = 1e-6; size < 1e6; size *= 1.25) f.push_back(static_cast<float>(size)), f.push_back(static_cast<float>(-size));
-  struct Penalised {
-    std::vector<double> value, slope;
-  };
-  // One distance a launch has a loss of its own.
-  const auto penalised = [&](SdfPenalty kind, const std::vector<float>& distances) {
-    Penalised found;
-    for (const float distance : distances) {
-      Buffer sdf = filled("sdf", std::vector<float>(8, distance)), d = filled("d sdf", std::vector<float>(8 * 64, 0.0F)), losses = filled("losses", std::vector<float>(64, 0.0F)), partials = empty("partials", 256);
-      record_sdf_penalty(commands, {kind, 1, 1, 1, {sdf.slice(), 8, 0}, {d.slice(), 8, 0}, 8, losses.slice(), 0, partials.slice()});
-      commands.submit_and_wait();
-      found.value.push_back(device.download<float>(losses.slice())[0]), found.slope.push_back(device.download<float>(d.slice())[0]);
-    }
-    return found;
-  };
-  const Penalised outside = penalised(SdfPenalty::off_surface, f), inside = penalised(SdfPenalty::inside, f);
-  double outside_error = 0, outside_slope = 0, inside_error = 0, inside_slope = 0;
-  constexpr long double least = 1e-34L;  // 5000 times what float32 has no digits for
-  const auto keep = [](double& largest, double found, long double truth, long double size) {
-    const double error = static_cast<double>(std::max(std::abs(found - truth) - least, 0.0L) / ((std::abs(truth) + least) * (1 + size)));
-    if (!(error <= largest)) largest = error;
-  };
-  bool finite = true, falls = true;
-  for (size_t i = 0; i < f.size(); ++i) {
-    const long double t = -100 * static_cast<long double>(f[i]), grown = std::exp(std::min(t, 20.0L)), truth = t > 20 ? grown * (1 + t - 20) : grown;
-    keep(outside_error, outside.value[i], truth, std::min(std::abs(t), 90.0L)), keep(outside_slope, outside.slope[i], -100 * grown, std::min(std::abs(t), 90.0L));
-    finite = finite && std::isfinite(outside.value[i]) && std::isfinite(outside.slope[i]);
-    falls = falls && (f[i] > 0.8F || outside.slope[i] < 0);
-    const long double x = 5000 * static_cast<long double>(f[i]), tail = std::exp(-std::abs(x)), sigmoid = (x > 0 ? 1 : tail) / (1 + tail), slope = 5000 * tail / ((1 + tail) * (1 + tail));
-    keep(inside_error, inside.value[i], sigmoid, std::min(std::abs(x), 90.0L)), keep(inside_slope, inside.slope[i], slope, std::min(std::abs(x), 90.0L));
-  }
-  const char* const name = "points outside, e^(−100 f) as its tangent below f = −0.2, f from −1e6 to 1e6";
-  expect_within(Row::penalties, Way::forward, name, "relative error / (1 + 100 |f|), against long double", outside_error, float32_bound);
-  expect_within(Row::penalties, Way::backward, name, "relative error / (1 + 100 |f|), against long double", outside_slope, float32_bound);
-  expect_that(Row::penalties, Way::backward, "points outside, f down to −1e6", "finite, and a way out of the body", finite && falls);
-  expect_within(Row::penalties, Way::forward, "points inside, sigmoid(5000 f), f from −1e6 to 1e6", "relative error / (1 + 5000 |f|), against long double", inside_error, float32_bound);
-  expect_within(Row::penalties, Way::backward, "points inside, sigmoid(5000 f), f from −1e6 to 1e6", "relative error / (1 + 5000 |f|), against long double", inside_slope, float32_bound);
-  const Penalised bad = penalised(SdfPenalty::off_surface, {not_a_number});
-  expect_that(Row::not_a_number, Way::forward, "a distance of NaN outside the body", "NaN in the penalty", std::isnan(bad.value[0]));
-  expect_that(Row::not_a_number, Way::backward, "a distance of NaN outside the body", "NaN in its gradient", std::isnan(bad.slope[0]));
 }
 
 // Gradients down to denormals: the step is then Adam's ε's, and nothing is divided by 0.

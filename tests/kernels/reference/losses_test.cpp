@@ -89,9 +89,6 @@ TEST(Losses, GradientsAgreeWithDifferences) {
   expect_gradient(
       "off-surface", [&] { return off_surface_loss(outside, rays).value; }, outside,
       off_surface_loss(outside, rays).gradient, 1e-5);
-  std::vector<double> wrong_side = random_numbers(9, -1, -0.21, 10);  // of the order of e^20 each
-  expect_gradient(
-      "off-surface, far inside", [&] { return off_surface_loss(wrong_side, std::exp(20.0)).value; }, wrong_side, off_surface_loss(wrong_side, std::exp(20.0)).gradient, 1e-5);
   std::vector<double> near_zero = random_numbers(9, -1e-3, 1e-3, 4);
   expect_gradient(
       "inside", [&] { return inside_loss(near_zero, rays).value; }, near_zero, inside_loss(near_zero, rays).gradient,
