@@ -31,6 +31,8 @@ int bench_searches(const std::filesystem::path& path, const DeviceOptions& optio
 
 int bench_ranks(const std::filesystem::path& json, const std::filesystem::path& plots, const DeviceOptions& options, bool quick) {
   const Ranks& ranks = Ranks::of_process();
+  // What one rank alone sends is not known, and so no model of more.
+  if (!plots.empty() && ranks.count() == 1) throw InputError("--plots", "", "two ranks or more", "one", "Start it as mpirun -n 2 arah bench --mpi --plots FOLDER.");
   Device device(device_of_rank(options, ranks));
   RankBenchSettings settings;
   if (quick) settings.warm_up = 1, settings.steps = 2, settings.with_paper = false;
