@@ -16,14 +16,14 @@
 
 namespace arah {
 
-PoseGradient::PoseGradient(Device& device, AvatarNetworks& networks, uint32_t rows) : device_(device), joints_(networks.tree().joints()), stride_(padded_channels(joints_)) {
+PoseGradient::PoseGradient(Device& device, AvatarNetworks& networks, uint32_t rows, const BufferSlice& counts)
+    : device_(device), joints_(networks.tree().joints()), stride_(padded_channels(joints_)), counts_(counts) {
   const uint64_t padded = padded_points(rows);
   auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, std::string("pose gradient: ") + what, bytes, BufferPlace::device); };
   if (networks.spec().skinning.kind == Skinning::network) {
     weights_ = make("skinning weights", padded * stride_ * 4);
   } else {
     cotangents_ = make("cotangents", padded * 16);
-    singular_ = make("count of singular Jacobians", 4);
   }
   partials_ = make("partial sums", bone_gradient_partials(rows, joints_));
   sums_ = make("of bone transforms", 12 * joints_ * 4ull);
@@ -45,8 +45,7 @@ void PoseGradient::record_add(Commands& commands, uint32_t rows, const BufferSli
 
 void PoseGradient::record_add_by_vertex(Commands& commands, FrameOnDevice& frame, PointRootFinder& finder, const Rows& rows, const BufferSlice& canonical, const BufferSlice& upstream) {
   const uint32_t points = rows.range.points;
-  commands.fill(singular_.slice(), 0);
-  record_implicit_cotangent(commands, {points, finder.record_transforms(commands, frame, rows, canonical), upstream, canonical, cotangents_.slice(), singular_.slice()});
+  record_implicit_cotangent(commands, {points, finder.record_transforms(commands, frame, rows, canonical), upstream, canonical, cotangents_.slice(), counts_});
   BoneGradientArgs args;
   args.rows = rows;
   args.joints = joints_;

@@ -17,8 +17,8 @@ namespace arah {
 // dL/dB of a step, added up on the device over its passes.
 class PoseGradient {
  public:
-  // rows: roots of a pass.
-  PoseGradient(Device& device, AvatarNetworks& networks, uint32_t rows);
+  // rows: roots of a pass. counts: shared::ImplicitCounts of record_add_by_vertex, +=.
+  PoseGradient(Device& device, AvatarNetworks& networks, uint32_t rows, const BufferSlice& counts);
 
   void record_clear(Commands& commands);
   // Room for the skinning network's weights by row, for record_lbs; then with the cotangents on LBS(x̂) at the roots, vec4 by row:
@@ -32,7 +32,8 @@ class PoseGradient {
  private:
   Device& device_;
   uint32_t joints_, stride_;
-  Buffer weights_, cotangents_, singular_, partials_, sums_;
+  BufferSlice counts_;
+  Buffer weights_, cotangents_, partials_, sums_;
 };
 
 // What a step's loss says about a frame's pose.

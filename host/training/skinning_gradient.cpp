@@ -10,8 +10,8 @@
 
 namespace arah {
 
-SkinningGradient::SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points)
-    : device_(device), networks_(networks), points_(points), rows_tape_(device, "skinning of samples", networks.skinning_shape(), rows, true),
+SkinningGradient::SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points, const BufferSlice& counts)
+    : device_(device), networks_(networks), points_(points), counts_(counts), rows_tape_(device, "skinning of samples", networks.skinning_shape(), rows, true),
       points_tape_(device, "skinning of surface points", networks.skinning_shape(), points, true) {
   const uint64_t r = padded_points(rows), p = padded_points(points);
   auto make = [&](const char* what, uint64_t bytes) { return Buffer(device, std::string("skinning gradient: ") + what, bytes, BufferPlace::device); };
@@ -19,7 +19,6 @@ SkinningGradient::SkinningGradient(Device& device, AvatarNetworks& networks, uin
   transforms_ = make("transforms", r * 48);
   jacobians_ = make("Jacobians", r * 48);
   cotangents_ = make("cotangents", r * 16);
-  singular_ = make("count of singular Jacobians", 4);
   for (Buffer& gradient : gradients_) gradient = make("row of the Jacobian", r * channel_padding * 4);
   surface_ = make("surface points", p * 16);
   target_joints_ = make("target joints", p * 4);
@@ -34,8 +33,7 @@ uint64_t SkinningGradient::scratch_floats() const {
 void SkinningGradient::record_from_positions(Commands& commands, FrameOnDevice& frame, uint32_t rows, const BufferSlice& canonical, const BufferSlice& upstream, bool accumulate, const BufferSlice& scratch,
                                              const Wanted& wanted) {
   record_jacobians(commands, frame, rows, canonical, wanted);
-  commands.fill(singular_.slice(), 0);
-  record_implicit_cotangent(commands, {rows, asks_posed_points() ? transforms_.slice() : jacobians_.slice(), upstream, canonical, cotangents_.slice(), singular_.slice()});
+  record_implicit_cotangent(commands, {rows, asks_posed_points() ? transforms_.slice() : jacobians_.slice(), upstream, canonical, cotangents_.slice(), counts_});
   if (wanted.pose) wanted.pose->record_add(commands, rows, canonical, cotangents_.slice());
   if (wanted.weights) record_from_cotangents(commands, frame, rows, canonical, cotangents_.slice(), accumulate, scratch);
 }

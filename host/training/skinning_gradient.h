@@ -15,8 +15,9 @@ namespace arah {
 
 class SkinningGradient {
  public:
-  // rows: samples of a step; points: of the template's surface. scratch_floats: of partial sums, shared with others.
-  SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points);
+  // rows: samples of a step; points: of the template's surface. counts: shared::ImplicitCounts of record_from_positions, +=; empty
+  // where only surface losses are wanted. scratch_floats: of partial sums, shared with others.
+  SkinningGradient(Device& device, AvatarNetworks& networks, uint32_t rows, uint32_t points, const BufferSlice& counts = {});
   uint64_t scratch_floats() const;
 
   // dL/dx̂ (upstream, vec4 by row, per metre) at the roots (canonical, w = 1) → effective weight gradients (=, or += with
@@ -52,8 +53,9 @@ class SkinningGradient {
   Device& device_;
   AvatarNetworks& networks_;
   uint32_t points_;
+  BufferSlice counts_;
   DenseTape rows_tape_, points_tape_;
-  Buffer posed_, transforms_, jacobians_, cotangents_, singular_, gradients_[3], surface_, target_joints_, target_weights_, loss_scratch_;
+  Buffer posed_, transforms_, jacobians_, cotangents_, gradients_[3], surface_, target_joints_, target_weights_, loss_scratch_;
 };
 
 }  // namespace arah

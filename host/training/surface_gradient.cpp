@@ -4,13 +4,8 @@
 
 namespace arah {
 
-SurfaceGradient::SurfaceGradient(Device& device, AvatarNetworks& networks, uint32_t rows, SkinningGradient* skinning)
-    : networks_(networks), skinning_(skinning), cotangents_(device, "surface gradient: cotangents", padded_points(rows) * 16ull, BufferPlace::device),
-      singular_(device, "surface gradient: count of singular Jacobians", 4, BufferPlace::shared) {
-  Commands zero(device);
-  zero.fill(singular_.slice(), 0);
-  zero.submit_and_wait();
-}
+SurfaceGradient::SurfaceGradient(Device& device, AvatarNetworks& networks, uint32_t rows, SkinningGradient* skinning, const BufferSlice& counts)
+    : networks_(networks), skinning_(skinning), counts_(counts), cotangents_(device, "surface gradient: cotangents", padded_points(rows) * 16ull, BufferPlace::device) {}
 
 void SurfaceGradient::record(Commands& commands, FrameOnDevice& frame, RaySamples& placed, ShadedRays& shaded, uint32_t rays, bool skinning_weights, bool accumulate, const BufferSlice& scratch) {
   Field& field = shaded.field();
@@ -31,7 +26,7 @@ void SurfaceGradient::record(Commands& commands, FrameOnDevice& frame, RaySample
   joint.canonical = in.canonical;
   joint.cotangents = cotangents_.slice();
   joint.sdf_cotangents = field.d_sdf();
-  joint.singular_count = singular_.slice();
+  joint.counts = counts_;
   joint.of_row = in.samples;
   joint.listed = rays;
   record_implicit_joint_cotangent(commands, joint);

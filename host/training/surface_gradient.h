@@ -11,19 +11,19 @@ namespace arah {
 class SurfaceGradient {
  public:
   // rows: shaded at a time. skinning: with a skinning network, room for its rows; else the blended transform of a point is its
-  // Jacobian, for what moves it is the nearest vertex or nothing.
-  SurfaceGradient(Device& device, AvatarNetworks& networks, uint32_t rows, SkinningGradient* skinning);
+  // Jacobian, for what moves it is the nearest vertex or nothing. counts: shared::ImplicitCounts, +=; singular are rays that graze
+  // the surface so that they teach nothing.
+  SurfaceGradient(Device& device, AvatarNetworks& networks, uint32_t rows, SkinningGradient* skinning, const BufferSlice& counts);
 
   // After the field's own way back with Field::Backward::position, at the same rows, one a ray: effective weight gradients of
   // the SDF (+=) and where wanted of the skinning network (=, or += with accumulate).
   void record(Commands& commands, FrameOnDevice& frame, RaySamples& placed, ShadedRays& shaded, uint32_t rays, bool skinning_weights, bool accumulate, const BufferSlice& scratch);
 
-  BufferSlice singular() { return singular_.slice(); }  // one uint32: rays that graze the surface so that they teach nothing, since the start
-
  private:
   AvatarNetworks& networks_;
   SkinningGradient* skinning_;
-  Buffer cotangents_, singular_;
+  BufferSlice counts_;
+  Buffer cotangents_;
 };
 
 }  // namespace arah

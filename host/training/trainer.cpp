@@ -104,16 +104,6 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
   if (settings.view_augmentation > 0 && networks.spec().color.view) shaded.field().make_room_for_normals();
   const bool of_surface = settings.rendering == Rendering::surface;
   const uint32_t mask_rays = of_surface ? mask_rays_of_a_pass(device, networks.spec(), settings, pass_rays) : 0;
-  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, std::max(shaded.field().shaded_capacity(), mask_rays), ranks.part(settings.skinning_points).size());
-  if (settings.pose_refinement) pose_gradient.emplace(device, networks, shaded.field().shaded_capacity());
-  if (of_surface) {
-    shaded.field().opaque_distances();
-    surface_gradient.emplace(device, networks, shaded.field().shaded_capacity(), skinning ? &*skinning : nullptr);
-    mask_loss.emplace(device, networks, settings, mask_rays);
-  }
-  if (asks_for_surface(settings.color_sampling().mode)) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
-  // Where memory is too short for all rays together, it is short for this too.
-  if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
   auto make = [&](const char* what, uint64_t bytes, BufferPlace place = BufferPlace::device) {
     Buffer buffer(device, std::string("training: ") + what, bytes, place);
     Commands commands(device);
@@ -121,6 +111,17 @@ Trainer::Room::Room(Device& device, AvatarNetworks& networks, const TrainingSett
     commands.submit_and_wait();
     return buffer;
   };
+  implicit_counts = make("counts of implicit gradients", sizeof(shared::ImplicitCounts), BufferPlace::shared);
+  if (networks.spec().skinning.learned()) skinning.emplace(device, networks, std::max(shaded.field().shaded_capacity(), mask_rays), ranks.part(settings.skinning_points).size(), implicit_counts.slice());
+  if (settings.pose_refinement) pose_gradient.emplace(device, networks, shaded.field().shaded_capacity(), implicit_counts.slice());
+  if (of_surface) {
+    shaded.field().opaque_distances();
+    surface_gradient.emplace(device, networks, shaded.field().shaded_capacity(), skinning ? &*skinning : nullptr, implicit_counts.slice());
+    mask_loss.emplace(device, networks, settings, mask_rays);
+  }
+  if (asks_for_surface(settings.color_sampling().mode)) surface_finder.emplace(device, networks, std::min({settings.rays, 4 * pass_rays, 4096u}));
+  // Where memory is too short for all rays together, it is short for this too.
+  if (with_grids(networks.spec(), settings)) grid_finder.emplace(device, networks, pass_rays < settings.rays ? std::min(rows, grid_nodes_at_a_time) : grid_nodes_at_a_time);
   grid_clamped = make("count of clamped gradients", 4, BufferPlace::shared);
   losses = make("losses", loss_slots * 4, BufferPlace::shared);
   const uint64_t pictures = uint64_t(settings.frames_per_step) * settings.pictures_per_frame;
@@ -459,6 +460,12 @@ void Trainer::run_frame(const std::vector<Batch>& batches, uint32_t frame_of_ste
                           {static_cast<float>(settings_.parameter_weight / settings_.frames_per_step), room_.losses.slice(), parameter_slot});
 }
 
+void Trainer::download_counts() {
+  searches_ = searches();
+  device_.download(room_.implicit_counts.slice(), &implicit_counts_, sizeof implicit_counts_);
+  device_.download(room_.grid_clamped.slice().elements(0, 1), &grid_clamped_, sizeof grid_clamped_);
+}
+
 StepReport Trainer::step(uint64_t steps_left) {
   if (with_grids() && steps_ % settings_.grid_steps == 0) solve_correspondences();
   const std::vector<std::vector<Batch>> frames = draw_batches();
@@ -477,6 +484,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   const uint64_t dense_floats = networks_.layout().group("grid").begin;
   commands_.fill(networks_.gradients().elements(0, dense_floats), 0);
   commands_.fill(room_.losses.slice(), 0);
+  commands_.fill(room_.implicit_counts.slice(), 0);
   room_.watch.record_clear(commands_);
   noted_errors_.assign(settings_.ray_importance > 0 ? all_rays(settings_) : 0, 0.0);
   room_.samples.root_finder().reset_counts();
@@ -497,10 +505,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   commands_.stage("optimiser");
   room_.updates.record_norms(commands_, skinning_step);
   commands_.submit_and_wait();
-  if (ranks_.count() == 1) {
-    searches_ = searches();
-    device_.download(room_.grid_clamped.slice().elements(0, 1), &grid_clamped_, 4);
-  }
+  if (ranks_.count() == 1) download_counts();
   const auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
   // Nothing of what training learns has changed so far, and nothing does where a number is bad: the step can be repeated.
   if (BadValues bad = of_all_ranks(bad_values(frames, losses, pose_gradients, !std::exchange(state_watched_, true))); !bad.tensors.empty())
@@ -549,6 +554,7 @@ StepReport Trainer::step(uint64_t steps_left) {
   report.sdf_norm = room_.updates.sdf_norm();
   report.shaded = double(shaded_samples_) / double(uint64_t(room_.samples.rows(settings_.rays)) * settings_.frames_per_step * settings_.pictures_per_frame);
   report.converged = searches_.points ? double(searches_.converged) / double(searches_.points) : 1;
+  report.implicit = implicit_counts_;
   report.grid_clamped = grid_clamped_;
   float b = 0;
   device_.download(networks_.parameter("b").elements(0, 1), &b, 4);

@@ -25,6 +25,7 @@
 #include "host/training/training_images.h"
 #include "host/training/training_settings.h"
 #include "host/training/watch.h"
+#include "shaders/shared/skinning.h"
 
 namespace arah {
 
@@ -42,6 +43,9 @@ struct StepReport {
   double hits = 0;       // share of the rays on the person whose surface was found, where samples are placed around it
   double shaded = 0;     // share of the samples that got a colour, of all places for them
   uint32_t passes = 0;   // that its rays went in
+  // Roots whose gradient (by the implicit function theorem) teaches nothing, because the Jacobian is singular there, and those whose
+  // gradient is shortened because it is nearly so: of the searches that taught skinning, poses or a surface.
+  shared::ImplicitCounts implicit{};
   uint32_t grid_clamped = 0;  // contributions to the grid's gradient that its fixed-point range cut, since the start
   uint64_t skipped = 0;           // steps not taken because of bad values, since the start of training, this one included
   std::optional<BadValues> bad;   // why this one was not; the losses above may then mean nothing
@@ -117,6 +121,7 @@ class Trainer {
     std::optional<SurfaceGradient> surface_gradient;  // of surface rendering
     std::optional<MaskLoss> mask_loss;
     std::optional<PointRootFinder> grid_finder;  // where correspondences come from frames' grids
+    Buffer implicit_counts;
     Buffer grid_clamped;  // how many contributions to the grid's gradient were
     Buffer losses, targets, d_colors, partials, scratch;
     Buffer ray_weights;  // where rays are drawn by importance
@@ -162,6 +167,8 @@ class Trainer {
   BadValues bad_values(const std::vector<std::vector<Batch>>& frames, const std::vector<float>& losses, const std::vector<PoseGradients>& pose_gradients, bool state);
   std::string place_of(WatchedRow row, uint64_t index, const std::vector<std::vector<Batch>>& frames) const;
   RootFindingCounts searches() { return (room_.mask_loss ? room_.mask_loss->root_finder() : room_.samples.root_finder()).counts(); }
+  // What this rank's searches, implicit gradients and grid's gradient met; after submission.
+  void download_counts();
   // What each rank has found for its part of a step is added up, in three (trainer_ranks.cpp):
   // after a frame's passes, what they alone give is fetched: the colour's gradients, and in the last frame the grid's;
   void take_passes(bool last_frame);
@@ -212,6 +219,7 @@ class Trainer {
   MaskSharpness mask_sharpness_;
   std::vector<double> noted_errors_;  // of the step's rays, picture by picture, to be seen where the step is taken
   RootFindingCounts searches_;        // of the step, of all ranks
+  shared::ImplicitCounts implicit_counts_{};  // of the step, of all ranks
   uint32_t grid_clamped_ = 0;         // since the start, of all ranks
   bool found_apart_ = false;          // whether a rank saw in the step what others may not have seen
   bool state_watched_ = false;            // since the start or resume()

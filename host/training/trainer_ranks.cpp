@@ -68,10 +68,9 @@ void Trainer::add_up_frame(bool skinning_step) {
 
 void Trainer::add_up_step(std::vector<PoseGradients>& pose_gradients) {
   commands_.submit_and_wait();
-  searches_ = searches();
+  download_counts();
   // What each watched alone. All of a rank's searches astray sends it to look for the reason in the state.
   const bool apart = !room_.watch.seen().empty() || (searches_.points > 0 && searches_.converged == 0);
-  device_.download(room_.grid_clamped.slice().elements(0, 1), &grid_clamped_, 4);
   auto losses = device_.download<float>(room_.losses.slice().elements(0, loss_slots));
   auto b = device_.download<float>(networks_.gradient("b").elements(0, 1));
 
@@ -84,7 +83,7 @@ void Trainer::add_up_step(std::vector<PoseGradients>& pose_gradients) {
       for (float& bone : of_frame.bones) see(bone);
     for (double& error : noted_errors_) see(error);  // 0 where a ray is another rank's
     for (uint64_t* count : {&shaded_samples_, &person_rays_, &person_hits_, &searches_.points, &searches_.steps, &searches_.converged, &searches_.diverged, &searches_.exhausted}) see(*count);
-    see(grid_clamped_);
+    for (uint32_t* count : {&implicit_counts_.singular, &implicit_counts_.shortened, &grid_clamped_}) see(*count);
   };
   each([&](const auto& number) { numbers.push_back(static_cast<double>(number)); });
   numbers.push_back(apart ? 1 : 0);

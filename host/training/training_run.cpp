@@ -78,6 +78,8 @@ ordered_json step_json(const StepReport& r) {
           {"converged", r.converged},
           {"hits", r.hits},
           {"shaded", r.shaded},
+          {"singular", r.implicit.singular},
+          {"shortened", r.implicit.shortened},
           {"grid_clamped", r.grid_clamped}};
 }
 

@@ -5,12 +5,13 @@
 namespace arah::reference {
 namespace {
 
-// −J⁻ᵀ u, bounded.
+// −J⁻ᵀ u, bounded; shortened: whether by that.
 template <int D>
-Vector<D> bounded_gradient(const Matrix<D>& inverted, const Vector<D>& upstream) {
+Vector<D> bounded_gradient(const Matrix<D>& inverted, const Vector<D>& upstream, bool& shortened) {
   Vector<D> g = multiply_transposed<D>(inverted, upstream);
   const double size = norm<D>(g), most = most_amplification * norm<D>(upstream);
-  const double factor = size > most ? -most / size : -1;
+  shortened = size > most;
+  const double factor = shortened ? -most / size : -1;
   for (double& value : g) value *= factor;
   return g;
 }
@@ -24,7 +25,7 @@ PointImplicitGradient implicit_point_gradient(const Matrix<3>& jacobian, const V
     gradient.singular = true;
     return gradient;
   }
-  gradient.skinned = bounded_gradient<3>(*inverted, upstream);
+  gradient.skinned = bounded_gradient<3>(*inverted, upstream, gradient.shortened);
   for (int i = 0; i < 3; ++i) gradient.posed[i] = -gradient.skinned[i];
   return gradient;
 }
@@ -64,7 +65,7 @@ JointImplicitGradient implicit_joint_gradient(const Matrix<4>& jacobian, const V
     gradient.singular = true;
     return gradient;
   }
-  const Vector<4> g = bounded_gradient<4>(*inverted, upstream);
+  const Vector<4> g = bounded_gradient<4>(*inverted, upstream, gradient.shortened);
   gradient.sdf = g[0];
   for (int i = 0; i < 3; ++i) {
     gradient.skinned[i] = gradient.translation[i] = g[i + 1];

@@ -22,6 +22,7 @@ struct PointImplicitGradient {
   Vector<3> skinned{};    // dL/dLBS(x̂*): upstream of the skinning's backward pass at the fixed point x̂*
   Vector<3> posed{};      // dL/dx̄ of the searched-for posed point (translation excluded); = −skinned
   bool singular = false;  // J has no inverse: both gradients are zero, the sample teaches the skinning nothing
+  bool shortened = false;
 };
 
 // `jacobian`: ∂LBS/∂x̂ at the root, row = posed component, in metres per unit of the canonical coordinates that
@@ -52,6 +53,7 @@ struct JointImplicitGradient {
   Vector<3> direction{};    // dL/dv, with v free (not held to unit length)
   Vector<3> translation{};  // dL/dt
   bool singular = false;    // all gradients zero
+  bool shortened = false;
 };
 
 // `jacobian`: joint_jacobian at the root (kernels/reference/broyden.h); `upstream` = dL/d(x̂, d), x̂ in metres;

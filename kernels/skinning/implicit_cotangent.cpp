@@ -11,7 +11,7 @@ void record_implicit_cotangent(Commands& commands, const ImplicitCotangentArgs& 
                      {args.upstream, vec4_bytes(args.points)},
                      {args.canonical, vec4_bytes(args.points)},
                      {args.cotangents, vec4_bytes(args.points)},
-                     {args.singular_count, 4}};
+                     {args.counts, sizeof(shared::ImplicitCounts)}};
   launch.push_constants = &args.points;
   launch.push_constant_bytes = sizeof(args.points);
   launch.cost = {args.points * 60.0, args.points * 16.0 * 6};

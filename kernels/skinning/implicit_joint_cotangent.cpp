@@ -2,7 +2,6 @@
 
 #include "shaders/shared/frame.h"
 #include "shaders/shared/ray.h"
-#include "shaders/shared/skinning.h"
 
 namespace arah {
 
@@ -23,10 +22,10 @@ void record_implicit_joint_cotangent(Commands& commands, const ImplicitJointCota
                      {args.canonical, vec4_bytes(args.rays)},
                      {args.cotangents, vec4_bytes(args.rays)},
                      matrix_binding(args.sdf_cotangents, args.rays),
-                     {args.singular_count, 4},
+                     {args.counts, sizeof(shared::ImplicitCounts)},
                      {args.frame, sizeof(FrameConstants)},
                      // What is not used needs a buffer all the same.
-                     listed ? Binding(args.of_row, uint_bytes(args.rays)) : Binding(args.singular_count, 4)};
+                     listed ? Binding(args.of_row, uint_bytes(args.rays)) : Binding(args.counts, sizeof(shared::ImplicitCounts))};
   launch.push_constants = &constants;
   launch.push_constant_bytes = sizeof constants;
   launch.cost = {args.rays * 200.0, args.rays * 16.0 * 10};

@@ -44,6 +44,12 @@ struct ImplicitJointConstants {
   uint sdf_column;
 };
 
+// How gradients through a search of roots fared, in numbers of roots.
+struct ImplicitCounts {
+  uint singular;   // no gradient: J has no inverse in float32
+  uint shortened;  // a gradient that grew beyond the bound (kernels/reference/implicit.h, most_amplification)
+};
+
 struct BoneGradientConstants {
   uint rows;
   uint weight_stride;  // texels
@@ -56,6 +62,7 @@ static_assert(sizeof(LbsBackwardConstants) == 20);
 static_assert(sizeof(WeightsLossConstants) == 24);
 static_assert(sizeof(JacobianConstants) == 24);
 static_assert(sizeof(ImplicitJointConstants) == 20);
+static_assert(sizeof(ImplicitCounts) == 8);
 static_assert(sizeof(BoneGradientConstants) == 12);
 }  // namespace arah::shared
 #endif

@@ -1,7 +1,7 @@
 // The implicit function theorem at the roots u = (x, d) of the joint search: one invocation turns one ray's dL/du into the
 // cotangents on f_metric(x) and LBS(x) there, (sdf, skinned) = -J^-T dL/du with J = [[grad f_metric, 0], [dLBS/dx, -v]]
 // (kernels/reference/implicit.h; paper, appendix "Implicit Gradients"), at most 100 |dL/du| long. 0 for rays without a root and where J has no
-// inverse (a ray that grazes the surface); the latter are counted. All but the rays is by row; BY_ROW: so are these.
+// inverse (a ray that grazes the surface); the latter are counted, and those shortened. All but the rays is by row; BY_ROW: so are these.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_scalar_block_layout : require
@@ -21,7 +21,7 @@ layout(binding = 3, rgba32f) uniform readonly imageBuffer upstream;       // dL/
 layout(binding = 4, rgba32f) uniform readonly imageBuffer canonical;      // w: 1 with a root
 layout(binding = 5, scalar) restrict writeonly buffer Cotangents { vec4 cotangents[]; };
 layout(binding = 6, scalar) restrict writeonly buffer SdfCotangents { vec4 sdf_cotangents[]; };
-layout(binding = 7, scalar) restrict buffer SingularCount { uint singular_count; };
+layout(binding = 7, scalar) restrict buffer Counts { ImplicitCounts counts; };
 layout(binding = 8, scalar) restrict readonly buffer Frame { FrameConstants frame; };
 layout(binding = 9, scalar) restrict readonly buffer OfRow { uint of_row[]; };
 layout(push_constant, scalar) uniform Constants { ImplicitJointConstants constants; };
@@ -46,11 +46,13 @@ void main() {
   [[unroll]] for (int i = 0; i < 4; ++i) threshold *= length(transposed[i]);
   const bool regular = is_finite(determinant) && abs(determinant) > threshold;
   vec4 g = -(inverse(transposed) * u);
-  g = size * (amplification_limit(g, u) * g);
+  const float limit = amplification_limit(g, u);
+  g = size * (limit * g);
   const bool found = valid && regular;
   cotangents[ray] = found ? vec4(g.yzw, 0.0) : vec4(0);
   // f_metric = f / cube_scale: the network's own value is in cube units.
   const uint at = uint(ray) * constants.sdf_stride + constants.sdf_column;
   sdf_cotangents[at] = vec4(found ? g.x / frame.cube_scale : 0.0, 0.0, 0.0, 0.0);
-  if (valid && !regular) atomicAdd(singular_count, 1u);
+  if (valid && !regular) atomicAdd(counts.singular, 1u);
+  if (found && limit < 1.0) atomicAdd(counts.shortened, 1u);
 }

@@ -174,8 +174,8 @@ TEST_F(BroydenExtremes, GradientsThroughTheSearch) {
     for (const auto& row : j) rows.insert(rows.end(), row.begin(), row.end());
     upstream.insert(upstream.end(), {0.3, -0.7, 0.4});
   }
-  Buffer j = filled("jacobians", padded_rows(rows, 3, 4), 64 * 48), above = filled("upstream", padded_rows(upstream, 3, 4)), canonical = filled("canonical", std::vector<float>(4 * 64, 1.0F)), cotangents = empty("cotangents", 64 * 16), singular = filled("singular", std::vector<uint32_t>(1));
-  record_implicit_cotangent(commands, {points, j.slice(), above.slice(), canonical.slice(), cotangents.slice(), singular.slice()});
+  Buffer j = filled("jacobians", padded_rows(rows, 3, 4), 64 * 48), above = filled("upstream", padded_rows(upstream, 3, 4)), canonical = filled("canonical", std::vector<float>(4 * 64, 1.0F)), cotangents = empty("cotangents", 64 * 16), counts = filled("counts", std::vector<shared::ImplicitCounts>(1));
+  record_implicit_cotangent(commands, {points, j.slice(), above.slice(), canonical.slice(), cotangents.slice(), counts.slice()});
   commands.submit_and_wait();
   const std::vector<double> found = rows_of(device.download<float>(cotangents.slice()), points, 3, 4);
   const auto g = [&](size_t p) { return std::span(found).subspan(3 * p, 3); };
@@ -209,14 +209,14 @@ TEST_F(BroydenExtremes, GradientsThroughTheSearch) {
   for (const double size : {1e-30, 1e30}) {
     std::vector<double> scaled;
     for (uint32_t p = 0; p < points; ++p) scaled.insert(scaled.end(), {0.3 * size, -0.7 * size, 0.4 * size});
-    Buffer of_size = filled("upstream", padded_rows(scaled, 3, 4)), at_size = empty("cotangents", 64 * 16), counted = filled("singular", std::vector<uint32_t>(1));
+    Buffer of_size = filled("upstream", padded_rows(scaled, 3, 4)), at_size = empty("cotangents", 64 * 16), counted = filled("counts", std::vector<shared::ImplicitCounts>(1));
     record_implicit_cotangent(commands, {points, j.slice(), of_size.slice(), canonical.slice(), at_size.slice(), counted.slice()});
     commands.submit_and_wait();
     std::vector<double> back = rows_of(device.download<float>(at_size.slice()), points, 3, 4);
     for (double& value : back) value /= size;
     expect_within(Row::broyden, Way::backward, fmt::format("all these Jacobians, dL/dx of {:g}", size), "difference from dL/dx of 1, of the largest", error_of_largest(back, found), 1e-6);
   }
-  expect_that(Row::broyden, Way::backward, "the number of singular Jacobians", "that of those above", device.download<uint32_t>(singular.slice())[0] == zeros);
+  expect_that(Row::broyden, Way::backward, "the number of singular Jacobians", "that of those above", device.download<shared::ImplicitCounts>(counts.slice())[0].singular == zeros);
 }
 
 // Rays that graze the surface, where the joint search's 4x4 Jacobian is singular.
@@ -235,8 +235,8 @@ TEST_F(BroydenExtremes, RaysThatGrazeTheSurface) {
   const std::vector<FrameConstants> constants = {frame_constants({}, {})};
   const uint64_t padded = 64;
   Buffer frame = filled("frame", constants), ray_list = filled("rays", rays), gradients = filled("gradients", padded_rows(normals, 3, 8)), j = filled("jacobians", padded_rows(jacobians, 3, 4), padded * 48), above = filled("upstream", padded_rows(upstream, 4, 4)),
-         canonical = filled("canonical", std::vector<float>(4 * padded, 1.0F)), cotangents = empty("cotangents", padded * 16), sdf = empty("sdf", padded * 32), singular = filled("singular", std::vector<uint32_t>(1));
-  record_implicit_joint_cotangent(commands, {count, frame.slice(), ray_list.slice(), {gradients.slice(), 8, 0}, j.slice(), above.slice(), canonical.slice(), cotangents.slice(), {sdf.slice(), 8, 0}, singular.slice()});
+         canonical = filled("canonical", std::vector<float>(4 * padded, 1.0F)), cotangents = empty("cotangents", padded * 16), sdf = empty("sdf", padded * 32), implicit = filled("counts of gradients", std::vector<shared::ImplicitCounts>(1));
+  record_implicit_joint_cotangent(commands, {count, frame.slice(), ray_list.slice(), {gradients.slice(), 8, 0}, j.slice(), above.slice(), canonical.slice(), cotangents.slice(), {sdf.slice(), 8, 0}, implicit.slice()});
   // The search itself, from 1 cm in front of the surface y = 0; posed points are canonical ones.
   std::vector<float> starts(4 * padded, 0.0F), depths(4 * padded, 0.0F), transforms(12 * padded, 0.0F);
   for (size_t r = 0; r < count; ++r) starts[4 * r + 1] = 0.01F;
@@ -284,7 +284,7 @@ TEST_F(BroydenExtremes, RaysThatGrazeTheSurface) {
       expect_that(Row::broyden, Way::backward, name, "no gradient", all_zero(of_ray));
     }
   }
-  expect_that(Row::broyden, Way::backward, "the number of grazing rays", "that of those without gradient", device.download<uint32_t>(singular.slice())[0] == 2);
+  expect_that(Row::broyden, Way::backward, "the number of grazing rays", "that of those without gradient", device.download<shared::ImplicitCounts>(implicit.slice())[0].singular == 2);
 }
 
 class RayExtremes : public DeviceTest {

@@ -37,7 +37,7 @@ TEST_F(Implicit, GoldenGradientsThroughTheCorrespondence) {
   // L is a function of n, which grows cube_scale times as fast as x.
   Buffer upstream = filled("upstream", padded_rows(times(truth.values("in.G"), network.cube.scale()), 3, 4));
   at.record_jacobians(commands);
-  record_implicit_cotangent(commands, {at.points, at.jacobians.slice(), upstream.slice(), at.canonical.slice(), at.cotangents.slice(), at.singular.slice()});
+  record_implicit_cotangent(commands, {at.points, at.jacobians.slice(), upstream.slice(), at.canonical.slice(), at.cotangents.slice(), at.counts.slice()});
   BoneGradientArgs bones;
   bones.rows = at.rows();
   bones.joints = 24;
@@ -59,7 +59,7 @@ TEST_F(Implicit, GoldenGradientsThroughTheCorrespondence) {
   expect_golden_float(truth, "grad.B", d_bones);
   expect_golden_float(truth, "grad.x_bar", times(rows_of(device.download<float>(at.cotangents.slice()), at.points, 3, 4), -1));
   expect_golden_gradients(truth, "lbs", at.dense.tensors.download_gradients());
-  EXPECT_EQ(device.download<uint32_t>(at.singular.slice())[0], 0u);
+  EXPECT_EQ(device.download<uint32_t>(at.counts.slice())[0], 0u);
 }
 
 TEST_F(Implicit, GoldenGradientsThroughTheJointSearch) {
@@ -84,7 +84,7 @@ TEST_F(Implicit, GoldenGradientsThroughTheJointSearch) {
   sdf.siren.record_forward(commands, sdf.tape, {at.points, {}}, true);
   sdf.siren.record_gradient(commands, sdf.tape, {at.points, {}}, false);
   record_implicit_joint_cotangent(commands, {at.points, at.frame.slice(), ray_list.slice(), sdf.tape.gradient(), at.jacobians.slice(), above.slice(), at.canonical.slice(), at.cotangents.slice(),
-                                             sdf.tape.sdf_cotangent(), at.singular.slice()});
+                                             sdf.tape.sdf_cotangent(), at.counts.slice()});
   at.record_back(commands);
   Siren::Backward backward;
   backward.scratch = sdf.scratch.slice();
@@ -104,7 +104,7 @@ TEST_F(Implicit, GoldenGradientsThroughTheJointSearch) {
   for (size_t l = 0; l < gradients.size(); ++l)
     for (size_t t = 0; t < 4; ++t)
       if (!gradients[l][t].empty()) expect_golden_float(truth, "grad.sdf." + std::to_string(l) + "." + parts[t], gradients[l][t]);
-  EXPECT_EQ(device.download<uint32_t>(at.singular.slice())[0], 0u);
+  EXPECT_EQ(device.download<uint32_t>(at.counts.slice())[0], 0u);
 }
 
 // Sums of bone gradients against the truth: weights by row with a column offset, and those of nearest vertices through a list;
@@ -175,7 +175,7 @@ TEST_F(Implicit, JointCotangentsAndTheirExceptions) {
   std::vector<float> roots(padded_points(count) * 4, 1.0f);  // w of padding rows says "root": they must not count
   const reference::Cube cube{{0.1, -0.2, 0.05}, -0.9, 1.1};
   const FrameConstants constants = frame_constants(cube, {});
-  uint32_t singular = 0;
+  uint32_t singular = 0, shortened = 0;
   for (uint32_t r = 0; r < count; ++r) {
     for (size_t i = 0; i < 3; ++i) jacobians[r * 9 + 4 * i] += 2, normals[3 * r + i] = static_cast<float>(normals[3 * r + i] + (i == 2 ? -2 : 0));
     const std::vector<double> wobble = doubles(2, 0.3);
@@ -183,6 +183,11 @@ TEST_F(Implicit, JointCotangentsAndTheirExceptions) {
     if (r % 10 == 3) {  // along the surface: with J the identity the ray lies in the tangent plane
       for (size_t i = 0; i < 9; ++i) jacobians[r * 9 + i] = i % 4 == 0;
       direction = {1, 0, 0};
+      normals[3 * r] = 0, normals[3 * r + 1] = 1, normals[3 * r + 2] = 0;
+    }
+    if (r % 10 == 6) {  // 0.005 from along it: a gradient of 200 times its cause
+      for (size_t i = 0; i < 9; ++i) jacobians[r * 9 + i] = i % 4 == 0;
+      direction = {1, 0.005F, 0};
       normals[3 * r] = 0, normals[3 * r + 1] = 1, normals[3 * r + 2] = 0;
     }
     if (r == 20) normals[3 * r] = std::nan("");
@@ -195,13 +200,14 @@ TEST_F(Implicit, JointCotangentsAndTheirExceptions) {
     const auto gradient = none ? reference::JointImplicitGradient{}
                                : reference::implicit_joint_gradient(reference::joint_jacobian({normals[3 * r], normals[3 * r + 1], normals[3 * r + 2]}, j, direction),
                                                                     {upstream[4 * r], upstream[4 * r + 1], upstream[4 * r + 2], upstream[4 * r + 3]}, 1);
+    shortened += root && gradient.shortened;
     for (size_t i = 0; i < 3; ++i) expected.push_back(root ? gradient.skinned[i] : 0);
     expected_sdf.push_back(root ? gradient.sdf / cube.scale() : 0);
   }
   const uint64_t padded = padded_points(count);
   Buffer frame = filled("frame", std::vector<FrameConstants>{constants}), ray_list = filled("rays", rays), j = filled("jacobians", padded_rows(jacobians, 3, 4), padded * 48),
          gradients = filled("gradients", padded_rows(normals, 3, stride, 8)), above = filled("upstream", padded_rows(upstream, 4, 4)), canonical = filled("canonical", roots),
-         cotangents = empty("cotangents", padded * 16), sdf = filled("sdf", std::vector<float>(padded * stride, 7)), total = filled("count", std::vector<uint32_t>{5});
+         cotangents = empty("cotangents", padded * 16), sdf = filled("sdf", std::vector<float>(padded * stride, 7)), total = filled("counts", std::vector<shared::ImplicitCounts>{{5, 3}});
   record_implicit_joint_cotangent(commands, {count, frame.slice(), ray_list.slice(), {gradients.slice(), stride, 8}, j.slice(), above.slice(), canonical.slice(), cotangents.slice(),
                                              {sdf.slice(), stride, 8}, total.slice()});
   commands.submit_and_wait();
@@ -210,7 +216,10 @@ TEST_F(Implicit, JointCotangentsAndTheirExceptions) {
   expect_all_near("joint cotangents on f", rows_of(on_sdf, count, 1, stride, 8), expected_sdf, 2e-4);
   EXPECT_EQ(on_sdf[0], 7);  // beside its columns nothing is written
   for (uint64_t row = count; row < padded; ++row) EXPECT_EQ(on_sdf[row * stride + 8], 0) << row;
-  EXPECT_EQ(device.download<uint32_t>(total.slice())[0], 5 + singular);
+  EXPECT_GT(shortened, 0u);
+  const auto counted = device.download<shared::ImplicitCounts>(total.slice())[0];
+  EXPECT_EQ(counted.singular, 5 + singular);
+  EXPECT_EQ(counted.shortened, 3 + shortened);
 
   // Rays of a longer list, in another order: the same to the last bit.
   std::vector<Ray> list(3 * count);

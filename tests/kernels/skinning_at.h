@@ -30,8 +30,8 @@ struct SkinningAt {
     for (Buffer& gradient : gradients) gradient = make("gradient", padded * channel_padding * 4);
     cotangents = make("cotangents", padded * 16);
     bone_weights = make("weights", padded * weight_stride * 4);
-    singular = make("singular", 256);
-    device.upload(singular.slice(), std::vector<uint32_t>(64, 0));
+    counts = make("counts", 256);
+    device.upload(counts.slice(), std::vector<uint32_t>(64, 0));
     std::vector<double> n;
     for (size_t p = 0; p < points; ++p)
       for (const double value : network.cube.to_cube({x[3 * p], x[3 * p + 1], x[3 * p + 2]})) n.push_back(value);
@@ -69,7 +69,7 @@ struct SkinningAt {
   uint32_t points;
   JointTree tree;
   DeviceDense dense;
-  Buffer frame, canonical, posed, transforms, jacobians, gradients[3], cotangents, bone_weights, singular;
+  Buffer frame, canonical, posed, transforms, jacobians, gradients[3], cotangents, bone_weights, counts;
 };
 
 }  // namespace arah

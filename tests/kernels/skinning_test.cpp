@@ -290,13 +290,15 @@ TEST_F(Skinning, ImplicitCotangentsAndTheirExceptions) {
   const std::vector<double> upstream = doubles(points * 3, 2);
   std::vector<double> jacobians = doubles(points * 9, 1), expected;
   std::vector<float> roots(padded_points(points) * 4, 1.0f);  // w of padding rows says "root": they must not count
-  uint32_t singular = 0;
+  uint32_t singular = 0, shortened = 0;
   for (uint32_t p = 0; p < points; ++p) {
     for (size_t i = 0; i < 3; ++i) jacobians[p * 9 + 4 * i] += 2;
     if (p % 10 == 3)  // the third row is the sum of the others, as float32 holds it
       for (size_t i = 0; i < 3; ++i)
         jacobians[p * 9 + 6 + i] = static_cast<float>(jacobians[p * 9 + i] + jacobians[p * 9 + 3 + i]);
     if (p == 20) jacobians[p * 9] = std::nan("");
+    if (p % 10 == 6)  // thin in one direction: 200 times as long a gradient, or 50
+      for (size_t i = 0; i < 9; ++i) jacobians[p * 9 + i] = i % 4 ? 0 : i == 8 ? (p % 20 == 6 ? 0.005 : 0.02) : 1;
     if (p % 7 == 0) roots[p * 4 + 3] = 0;
     reference::Matrix<3> j;
     for (size_t i = 0; i < 9; ++i) j[i / 3][i % 3] = jacobians[p * 9 + i];
@@ -304,18 +306,22 @@ TEST_F(Skinning, ImplicitCotangentsAndTheirExceptions) {
     singular += none && p % 7 != 0;
     const auto gradient =
         reference::implicit_point_gradient(j, {upstream[3 * p], upstream[3 * p + 1], upstream[3 * p + 2]});
+    shortened += !none && p % 7 != 0 && gradient.shortened;
     for (size_t i = 0; i < 3; ++i) expected.push_back(none || p % 7 == 0 ? 0 : gradient.skinned[i]);
   }
+  EXPECT_GT(shortened, 0u);
   Buffer rows = filled("jacobians", padded_rows(jacobians, 3, 4), padded_points(points) * 48),
          above = filled("upstream", padded_rows(upstream, 3, 4));
   Buffer canonical = filled("canonical", roots), cotangents = empty("cotangents", padded_points(points) * 16);
-  Buffer count = filled("count", std::vector<uint32_t>{5});
+  Buffer count = filled("counts", std::vector<shared::ImplicitCounts>{{5, 3}});
   record_implicit_cotangent(
       commands, {points, rows.slice(), above.slice(), canonical.slice(), cotangents.slice(), count.slice()});
   commands.submit_and_wait();
   expect_all_near("implicit cotangents", rows_of(device.download<float>(cotangents.slice()), points, 3, 4), expected,
                   2e-4);
-  EXPECT_EQ(device.download<uint32_t>(count.slice())[0], 5 + singular);
+  const auto counted = device.download<shared::ImplicitCounts>(count.slice())[0];
+  EXPECT_EQ(counted.singular, 5 + singular);
+  EXPECT_EQ(counted.shortened, 3 + shortened);
 }
 
 TEST_F(Skinning, TheBlendIsInvertedWhereItCanBe) {

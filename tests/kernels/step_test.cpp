@@ -149,7 +149,7 @@ TEST_F(Step, FromTheGoldenSamplesToEveryGradient) {
 
   // Through the samples' roots to the skinning network.
   skinning.record_jacobians(commands);
-  record_implicit_cotangent(commands, {rows, skinning.jacobians.slice(), upstream.slice(), canonical, skinning.cotangents.slice(), skinning.singular.slice()});
+  record_implicit_cotangent(commands, {rows, skinning.jacobians.slice(), upstream.slice(), canonical, skinning.cotangents.slice(), skinning.counts.slice()});
   skinning.record_back(commands);
   const std::vector<double> surface = truth.values("in.skin_x");
   const uint32_t surface_points = static_cast<uint32_t>(surface.size() / 3);
@@ -215,7 +215,7 @@ TEST_F(Step, FromTheGoldenSamplesToEveryGradient) {
     total += value * reference::kStepWeights.at(term);
   }
   expect_golden_float(truth, "out.loss.total", {&total, 1});
-  EXPECT_EQ(device.download<uint32_t>(skinning.singular.slice())[0], 0u);
+  EXPECT_EQ(device.download<uint32_t>(skinning.counts.slice())[0], 0u);
 
   // Gradients, through the modulation to the latent code, and through the generated parameters to what made them.
   reference::Siren d_siren = generated.zeros();

@@ -8,6 +8,7 @@
 #include "host/body/pose.h"
 #include "host/rendering/root_finder.h"
 #include "host/training/skinning_gradient.h"
+#include "shaders/shared/skinning.h"
 #include "tests/host/rendering/capsule_scene.h"
 
 namespace arah {
@@ -122,7 +123,8 @@ TEST_F(BackwardSkinning, GradientsAgreeWithDifferences) {
   Points rows(count);
   for (uint32_t r = 0; r < count; ++r) rows[r] = found[samples[r]];
   Buffer row_buffer = on_device("rows", rows);
-  SkinningGradient gradient(device, networks, count, 64);
+  Buffer counts = filled("counts", std::vector<shared::ImplicitCounts>(1));
+  SkinningGradient gradient(device, networks, count, 64, counts.slice());
   Buffer scratch(device, "scratch", 4 * gradient.scratch_floats(), BufferPlace::device);
   commands.fill(networks.gradients(), 0);
   gradient.record_from_positions(commands, frame, count, row_buffer.slice(), upstream_buffer.slice(), false, scratch.slice(), {.targets = target_buffer.slice(), .samples = sample_buffer.slice()});

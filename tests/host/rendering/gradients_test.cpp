@@ -16,6 +16,7 @@
 #include "host/body/kinematics_gradient.h"
 #include "kernels/reduction/sum.h"
 #include "shaders/shared/ray.h"
+#include "shaders/shared/skinning.h"
 #include "tests/host/rendering/capsule_scene.h"
 
 namespace arah {
@@ -28,7 +29,7 @@ class ColorGradients : public DeviceTest, public testing::WithParamInterface<Dir
  protected:
   ColorGradients()
       : avatar(changed_avatar(device)), networks(device, avatar, true), body(device, avatar.body), frame(device, avatar, body, bent_pose(avatar.body.skeleton), {}),
-        ray_samples(device, networks, ray_count, sampling()), field(device, networks, rows, samples, {.capacity = rows}, true), skinning(device, networks, rows, 64), points(device, networks, rows) {
+        ray_samples(device, networks, ray_count, sampling()), field(device, networks, rows, samples, {.capacity = rows}, true), skinning(device, networks, rows, 64, counts.slice()), points(device, networks, rows) {
     const auto make = [&](const char* what, uint64_t bytes) {
       Buffer buffer(device, what, bytes, BufferPlace::device);
       commands.fill(buffer.slice(), 0);
@@ -191,6 +192,7 @@ class ColorGradients : public DeviceTest, public testing::WithParamInterface<Dir
   FrameOnDevice frame;
   RaySamples ray_samples;
   Field field;
+  Buffer counts = filled("counts", std::vector<shared::ImplicitCounts>(1));
   SkinningGradient skinning;
   PointRootFinder points;
   Buffer colors, d_colors, ray_depths, weights, transmittances, partials, canonical, targets, transforms, scratch;
@@ -255,7 +257,7 @@ TEST_P(ColorGradients, IntegrateToTheLosssChangeInThePose) {
   const std::vector<float> parameters = avatar.parameters;
   const Pose start = bent_pose(avatar.body.skeleton);
   const size_t joints = start.theta.size(), count = 3 * joints + 3;
-  PoseGradient pose_gradient(device, networks, rows);
+  PoseGradient pose_gradient(device, networks, rows, counts.slice());
   const auto slopes = [&](const Pose& pose) {
     set_pose(pose);
     pose_gradient.record_clear(commands);

@@ -10,6 +10,7 @@
 #include "host/training/surface_gradient.h"
 #include "kernels/compositing/backward.h"
 #include "kernels/reduction/sum.h"
+#include "shaders/shared/skinning.h"
 #include "tests/host/rendering/capsule_scene.h"
 
 namespace arah {
@@ -23,8 +24,8 @@ class Scene : public DeviceTest {
   explicit Scene(const AvatarSpec& spec)
       : avatar(changed_avatar(device, spec)), networks(device, avatar, true), body(device, avatar.body), frame(device, avatar, body, bent_pose(avatar.body.skeleton), {}),
         settings(training_settings()), samples(device, networks, ray_count, settings.color_sampling()), shaded(device, networks, ray_count, 1, padded_points(ray_count)),
-        skinning(spec.skinning.kind == Skinning::network ? std::make_unique<SkinningGradient>(device, networks, padded_points(ray_count), 64) : nullptr),
-        surface(device, networks, padded_points(ray_count), skinning.get()), finder(device, networks, ray_count),
+        skinning(spec.skinning.kind == Skinning::network ? std::make_unique<SkinningGradient>(device, networks, padded_points(ray_count), 64, counts.slice()) : nullptr),
+        surface(device, networks, padded_points(ray_count), skinning.get(), counts.slice()), finder(device, networks, ray_count),
         mask_loss(device, networks, settings, padded_points(ray_count)) {
     const auto make = [&](const char* what, uint64_t bytes) {
       Buffer buffer(device, what, bytes, BufferPlace::device);
@@ -217,7 +218,7 @@ class Scene : public DeviceTest {
       EXPECT_EQ(lost_or_won, 0) << slot.name;
       lost_or_won = 0;
     }
-    EXPECT_EQ(device.download<uint32_t>(surface.singular())[0], 0u);
+    EXPECT_EQ(device.download<shared::ImplicitCounts>(counts.slice())[0].singular, 0u);
   }
 
   Avatar avatar;
@@ -227,6 +228,7 @@ class Scene : public DeviceTest {
   TrainingSettings settings;
   RaySamples samples;
   ShadedRays shaded;
+  Buffer counts = filled("counts", std::vector<shared::ImplicitCounts>(1));
   std::unique_ptr<SkinningGradient> skinning;
   SurfaceGradient surface;
   SurfaceFinder finder;

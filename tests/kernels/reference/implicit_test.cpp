@@ -267,6 +267,7 @@ TEST(Implicit, NearlySingularJacobiansAreBounded) {
     const double growth = norm<3>(newton) / norm<3>(upstream);
     EXPECT_GE(norm<3>(found), before * (1 - 1e-12)) << thin;
     before = norm<3>(found);
+    EXPECT_EQ(implicit_point_gradient(j, upstream).shortened, growth > most_amplification) << thin;
     if (growth <= most_amplification) {
       EXPECT_EQ(found, (Vector<3>{-newton[0], -newton[1], -newton[2]})) << thin;
     } else {
