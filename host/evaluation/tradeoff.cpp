@@ -11,6 +11,7 @@
 #include <span>
 #include <tuple>
 
+#include "host/evaluation/bad_pixels.h"
 #include "host/evaluation/evaluate.h"
 #include "host/evaluation/image_metrics.h"
 #include "host/evaluation/lpips.h"
@@ -200,7 +201,8 @@ class Study {
     return views;
   }
 
-  // What the renderer refuses of this avatar (a density has no surface to search) is named, and the study goes on; not without the exact one.
+  // What the renderer refuses of this avatar (a density has no surface to search), and what comes out with numbers that are not finite, is
+  // named, and the study goes on; not without the exact one.
   nlohmann::json measure_where_possible(const Setting& setting, std::size_t view) {
     try {
       return measure(setting, view);
@@ -252,6 +254,9 @@ class Study {
     }
     const Picture& exact = exact_in(number);
     const Picture rendered = setting.name == "paper" ? exact : compared(setting.render, view);
+    if (const BadPixels bad = bad_pixels(rendered); bad.count > 0)
+      throw InputError(fmt::format("rendering '{}' of camera {}, frame {}", setting.name, view.name, view.frame), "", "finite numbers",
+                       fmt::format("{} of {} pixels that are not, the first in column {} of row {}", bad.count, bad.pixels, bad.column, bad.row), "'arah inspect' of the avatar names its largest learned number");
     const int w = view.camera.width, h = view.camera.height;
     const ImageMetrics to_exact = image_metrics({rendered.color, w, h}, {exact.color, w, h}, view.mask.inside);
     const ImageMetrics to_photograph = image_metrics({rendered.color, w, h}, {view.photograph, w, h}, view.mask.inside);

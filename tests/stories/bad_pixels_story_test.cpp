@@ -107,6 +107,11 @@ TEST(BadPixelsStory, RenderAnimateAndEvaluateCountAndNameThem) {
   EXPECT_EQ(of_whole["bad_pixels"], 0);
   EXPECT_EQ(of_whole["unmeasured"], 0);
   EXPECT_TRUE(of_whole["mean"]["psnr"].is_number());
+
+  // No study without an exact picture to compare with; a setting that alone has bad pixels would be left out by name.
+  const Outcome studied = arah({"tradeoff", bad, capture, "-o", (folder / "study").string(), "--pictures", "1", "--repetitions", "1"});
+  EXPECT_EQ(studied.code, 2) << studied.errors;
+  EXPECT_THAT(studied.errors, AllOf(HasSubstr("rendering 'paper' of camera "), HasSubstr("expected finite numbers, found "), HasSubstr("'arah inspect'")));
 }
 
 }  // namespace
