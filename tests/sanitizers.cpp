@@ -1,4 +1,4 @@
-// What test programs tell the sanitizers (preset asan). Part of every one where ARAH_SANITIZE is set.
+// What programs tell the sanitizers (preset asan): part of each test program, and of those that tests run, where ARAH_SANITIZE is set.
 
 // What is freed stays poisoned for a while; 256 MB of it, the default, would break the bounds on memory that tests hold on to.
 extern "C" const char* __asan_default_options() { return "quarantine_size_mb=16"; }
