@@ -256,7 +256,7 @@ class Study {
     const Picture rendered = setting.name == "paper" ? exact : compared(setting.render, view);
     if (const BadPixels bad = bad_pixels(rendered); bad.count > 0)
       throw InputError(fmt::format("rendering '{}' of camera {}, frame {}", setting.name, view.name, view.frame), "", "finite numbers",
-                       fmt::format("{} of {} pixels that are not, the first in column {} of row {}", bad.count, bad.pixels, bad.column, bad.row), "'arah inspect' of the avatar names its largest learned number");
+                       fmt::format("{} of {} pixels that are not, the first in column {} of row {}", bad.count, bad.pixels, bad.column, bad.row), "'arah inspect' of the avatar names its largest learned number.");
     const int w = view.camera.width, h = view.camera.height;
     const ImageMetrics to_exact = image_metrics({rendered.color, w, h}, {exact.color, w, h}, view.mask.inside);
     const ImageMetrics to_photograph = image_metrics({rendered.color, w, h}, {view.photograph, w, h}, view.mask.inside);

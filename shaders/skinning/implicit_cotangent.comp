@@ -1,5 +1,5 @@
 // The implicit function theorem at the roots of the correspondence search: one invocation turns one point's dL/dx into the
-// cotangent on LBS(x) there, g = -J^-T dL/dx (kernels/reference/implicit.h; paper, appendix "Implicit Gradients").
+// cotangent on LBS(x) there, g = -J^-T dL/dx (kernels/reference/implicit.h; paper, appendix "Implicit Gradients"),
 // at most 100 |dL/dx| long. 0 for points without a root and where J has no inverse; the latter are counted, and those shortened.
 #version 460
 #extension GL_GOOGLE_include_directive : require
