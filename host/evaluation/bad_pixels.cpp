@@ -33,9 +33,12 @@ bool finite_colors(const Picture& picture, const CropRectangle& crop) {
   return true;
 }
 
+std::string counted(const BadPixels& bad) {
+  return fmt::format("{} of {} pixels are not finite, the first in column {} of row {}", bad.count, bad.pixels, bad.column, bad.row);
+}
+
 std::string warning_of(const BadPixels& bad, const std::string& picture, const std::string& avatar) {
-  return fmt::format("warning: {}: {} of {} pixels are not finite (magenta in colours), the first in column {} of row {}; 'arah inspect {}' names the tensor with the largest number", picture, bad.count,
-                     bad.pixels, bad.column, bad.row, avatar);
+  return fmt::format("warning: {}: {} (magenta in colours); 'arah inspect {}' names the tensor with the largest number", picture, counted(bad), avatar);
 }
 
 }  // namespace arah

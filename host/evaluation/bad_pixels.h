@@ -19,7 +19,9 @@ BadPixels bad_pixels(const Picture& picture);
 // Whether all colours of a rectangle of the picture are finite, so that it can be compared with a photograph there.
 bool finite_colors(const Picture& picture, const CropRectangle& crop);
 
-// One line: "warning: out/color.png: 12 of 4096 pixels are not finite (magenta in colours), the first in column 3 of row 5; ..." with what to do.
+// "12 of 4096 pixels are not finite, the first in column 3 of row 5".
+std::string counted(const BadPixels& bad);
+// One line: "warning: out/color.png: 12 of 4096 pixels are not finite, ...; ..." with what to do.
 // avatar: as the user named it.
 std::string warning_of(const BadPixels& bad, const std::string& picture, const std::string& avatar);
 

@@ -216,6 +216,8 @@ class Study {
 
   nlohmann::json measure(const Setting& setting, std::size_t number) {
     const View& view = views_[number];
+    const Picture& exact = exact_in(number);
+    const Picture rendered = setting.name == "paper" ? exact : compared(setting, view);
     Measured m;
     {
       Renderer renderer(device_, avatar_, setting.render);  // as it would be used: colours and depths alone
@@ -252,11 +254,6 @@ class Study {
       m.rays = work.rays, m.samples = work.samples, m.shaded = work.shaded;
       m.searched = roots.points, m.steps = roots.steps, m.converged = roots.converged;
     }
-    const Picture& exact = exact_in(number);
-    const Picture rendered = setting.name == "paper" ? exact : compared(setting.render, view);
-    if (const BadPixels bad = bad_pixels(rendered); bad.count > 0)
-      throw InputError(fmt::format("rendering '{}' of camera {}, frame {}", setting.name, view.name, view.frame), "", "finite numbers",
-                       fmt::format("{} of {} pixels that are not, the first in column {} of row {}", bad.count, bad.pixels, bad.column, bad.row), "'arah inspect' of the avatar names its largest learned number.");
     const int w = view.camera.width, h = view.camera.height;
     const ImageMetrics to_exact = image_metrics({rendered.color, w, h}, {exact.color, w, h}, view.mask.inside);
     const ImageMetrics to_photograph = image_metrics({rendered.color, w, h}, {view.photograph, w, h}, view.mask.inside);
@@ -274,16 +271,20 @@ class Study {
     return json;
   }
 
-  // Not timed: with normals.
-  Picture compared(RenderSettings settings, const View& view) {
+  // Not timed: with normals. Throws InputError where a pixel is not finite: a figure of it would say nothing.
+  Picture compared(const Setting& setting, const View& view) {
+    RenderSettings settings = setting.render;
     settings.normals = true;
     settings.memory_bytes = memory_of_errors;
-    return Renderer(device_, avatar_, settings).render(view.camera, view.pose, view.latent_row);
+    Picture picture = Renderer(device_, avatar_, settings).render(view.camera, view.pose, view.latent_row);
+    if (const BadPixels bad = bad_pixels(picture); bad.count > 0)
+      throw InputError(fmt::format("rendering '{}' of camera {}, frame {}", setting.name, view.name, view.frame), "", "finite numbers", counted(bad), "'arah inspect' of the avatar names its largest learned number.");
+    return picture;
   }
 
   // Made by each rank that measures in this view.
   const Picture& exact_in(std::size_t view) {
-    if (!exact_[view]) exact_[view] = compared(render_preset(avatar_, "paper"), views_[view]);
+    if (!exact_[view]) exact_[view] = compared({"paper", {}, render_preset(avatar_, "paper")}, views_[view]);
     return *exact_[view];
   }
 

@@ -292,7 +292,9 @@ fs::path RunFolder::save_checkpoint(uint64_t step, const SafetensorsFile& file) 
   const fs::path path = checkpoints() / fmt::format("{}{:08}{}", kPrefix, step, kSuffix);
   write_safetensors(path, file);
   const std::vector<fs::path> files = checkpoint_files();
-  for (std::size_t i = kKeptCheckpoints; i < files.size(); ++i) fs::remove(files[i]);
+  // What cannot be removed does no harm; a folder that takes no change at all is named by the next file or line that goes there.
+  std::error_code ignored;
+  for (std::size_t i = kKeptCheckpoints; i < files.size(); ++i) fs::remove(files[i], ignored);
   return path;
 }
 

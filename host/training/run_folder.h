@@ -84,7 +84,7 @@ class RunFolder {
   // Appends one line; `json` is one object in text. Throws std::runtime_error where the disk refuses.
   void log(const std::string& json) const;
 
-  // Writes the checkpoint of that step, safely, and removes all but the newest two.
+  // Writes the checkpoint of that step, safely, and removes all but the newest two, as far as they can be removed.
   std::filesystem::path save_checkpoint(uint64_t step, const SafetensorsFile& file) const;
   // The newest checkpoint that holds an avatar and its optimiser; absent where there is no checkpoint at all. Newer ones that
   // do not open are passed over, `damaged` says why, a line each. Throws InputError where there are some and none opens.

@@ -39,6 +39,7 @@ constexpr std::array<Title, row_count> titles = {{
     {"Denormals", ""},
     {"All-black and all-foreground masks", ""},
     {"One frame, one camera, one joint, 64 joints", ""},
+    {"Penalties of distances from −1e6 to 1e6", ""},
 }};
 
 // A bar would end a table's cell.

@@ -29,8 +29,9 @@ enum class Row {
   denormals,
   masks,
   counts,
+  penalties,  // from here on beyond section 8
 };
-inline constexpr int row_count = static_cast<int>(Row::counts) + 1;
+inline constexpr int row_count = static_cast<int>(Row::penalties) + 1;
 
 // What Vulkan leaves of a formula of one exponential of x, a division and some products, relative to its value times (1 + |x|):
 // exp may be 3 + 2 |x| units in the last place off, a division 2.5, a product half a one; a unit is 1.2e-7.

@@ -13,6 +13,7 @@
 #include "kernels/losses/image.h"
 #include "kernels/losses/mask.h"
 #include "kernels/losses/normal.h"
+#include "kernels/losses/sdf_penalty.h"
 #include "kernels/optimizer/adam.h"
 #include "kernels/reduction/sum.h"
 #include "kernels/reference/activation.h"
@@ -304,6 +305,63 @@ TEST_F(LossExtremes, MasksOfOneKindInSurfaceRendering) {
       expect_within(Row::masks, Way::forward, name, "relative error", std::abs(device.download<float>(losses.slice())[0] / truth.value - 1), 1e-6);
       expect_within(Row::masks, Way::backward, name, "error of the slope", largest_error(rows_of(device.download<float>(d.slice()), rays, 1, 8), truth.gradient, 1), float32_bound);
     }
+}
+
+// Points outside of which the network says that they lie inside, and points inside of which it says that they lie outside.
+TEST_F(LossExtremes, PenaltiesOfDistances) {
+  struct Penalised {
+    std::vector<double> value, slope;
+  };
+  // One distance a launch has a loss of its own.
+  const auto penalised = [&](SdfPenalty kind, const std::vector<float>& distances) {
+    Penalised found;
+    for (const float distance : distances) {
+      Buffer sdf = filled("sdf", std::vector<float>(8, distance)), d = filled("d sdf", std::vector<float>(8 * 64, 0.0F)), losses = filled("losses", std::vector<float>(64, 0.0F)), partials = empty("partials", 256);
+      record_sdf_penalty(commands, {kind, 1, 1, 1, {sdf.slice(), 8, 0}, {d.slice(), 8, 0}, 8, losses.slice(), 0, partials.slice()});
+      commands.submit_and_wait();
+      found.value.push_back(device.download<float>(losses.slice())[0]), found.slope.push_back(device.download<float>(d.slice())[0]);
+    }
+    return found;
+  };
+  constexpr long double least = 1e-34L;  // 5000 times what float32 has no digits for
+  const auto keep = [](double& largest, double found, long double truth, long double size) {
+    const double error = static_cast<double>(std::max(std::abs(found - truth) - least, 0.0L) / ((std::abs(truth) + least) * (1 + size)));
+    if (!(error <= largest)) largest = error;
+  };
+
+  std::vector<float> within = {0, -0.2F, -0.8F, 1, 1e6F}, all = {-0.9F, -1, -1e6F}, beyond = {-0.9F, -1, -10, -1e6F};
+  for (double size = 1e-6; size < 1e6; size *= 1.25) {
+    within.push_back(static_cast<float>(size)), all.push_back(static_cast<float>(-size));
+    if (size < 0.8) within.push_back(static_cast<float>(-size));
+  }
+  all.insert(all.end(), within.begin(), within.end());
+
+  double error = 0, slope_error = 0;
+  const Penalised outside = penalised(SdfPenalty::off_surface, within);
+  for (size_t i = 0; i < within.size(); ++i) {
+    const long double t = -100 * static_cast<long double>(within[i]), size = std::min(std::abs(t), 90.0L);
+    keep(error, outside.value[i], std::exp(t), size), keep(slope_error, outside.slope[i], -100 * std::exp(t), size);
+  }
+  const char* const name = "points outside, e^(−100 f), f from −0.8 to 1e6";
+  expect_within(Row::penalties, Way::forward, name, "relative error / (1 + 100 |f|), against long double", error, float32_bound);
+  expect_within(Row::penalties, Way::backward, name, "relative error / (1 + 100 |f|), against long double", slope_error, float32_bound);
+  const Penalised lost = penalised(SdfPenalty::off_surface, beyond);
+  const auto infinite = [](double value) { return std::isinf(value); };
+  expect_that(Row::penalties, Way::forward, "points outside, f from −0.9 down to −1e6", "infinite: training stops there", std::all_of(lost.value.begin(), lost.value.end(), infinite));
+  expect_that(Row::penalties, Way::backward, "points outside, f from −0.9 down to −1e6", "infinite: training stops there", std::all_of(lost.slope.begin(), lost.slope.end(), infinite));
+
+  error = slope_error = 0;
+  const Penalised inside = penalised(SdfPenalty::inside, all);
+  for (size_t i = 0; i < all.size(); ++i) {
+    const long double x = 5000 * static_cast<long double>(all[i]), size = std::min(std::abs(x), 90.0L), tail = std::exp(-std::abs(x));
+    keep(error, inside.value[i], (x > 0 ? 1 : tail) / (1 + tail), size), keep(slope_error, inside.slope[i], 5000 * tail / ((1 + tail) * (1 + tail)), size);
+  }
+  expect_within(Row::penalties, Way::forward, "points inside, sigmoid(5000 f), f from −1e6 to 1e6", "relative error / (1 + 5000 |f|), against long double", error, float32_bound);
+  expect_within(Row::penalties, Way::backward, "points inside, sigmoid(5000 f), f from −1e6 to 1e6", "relative error / (1 + 5000 |f|), against long double", slope_error, float32_bound);
+
+  const Penalised bad = penalised(SdfPenalty::off_surface, {not_a_number});
+  expect_that(Row::not_a_number, Way::forward, "a distance of NaN outside the body", "NaN in the penalty", std::isnan(bad.value[0]));
+  expect_that(Row::not_a_number, Way::backward, "a distance of NaN outside the body", "NaN in its gradient", std::isnan(bad.slope[0]));
 }
 
 // Gradients down to denormals: the step is then Adam's ε's, and nothing is divided by 0.

@@ -115,6 +115,19 @@ TEST_F(Faults, AReadOnlyFolderIsNamedAndNothingIsLost) {
   expect_resumed_to_same_bits("locked/run");
 }
 
+// A full folder stands for an old checkpoint that no right and no system lets go.
+TEST_F(Faults, AnOldCheckpointThatCannotBeRemovedEndsNoRun) {
+  auto words = training("burdened");
+  words.insert(words.end(), {"--stop-at", "3"});
+  ASSERT_EQ(arah(words).code, 1);
+  const fs::path stays = at("burdened/checkpoints/step_00000000.safetensors");
+  fs::create_directories(stays / "full");
+  expect_resumed_to_same_bits("burdened");
+  EXPECT_TRUE(fs::exists(stays / "full"));
+  const auto left = fs::directory_iterator(stays.parent_path());
+  EXPECT_EQ(std::distance(begin(left), end(left)), 3) << "it and the newest two";
+}
+
 TEST_F(Faults, AFolderWithoutTheRightToWriteIsNamed) {
   if (::geteuid() == 0) GTEST_SKIP() << "root may write to every folder; AReadOnlyFolderIsNamedAndNothingIsLost stands for it";
   fs::create_directories(at("others"));

@@ -68,7 +68,7 @@ TEST(Picture, WhatIsNotFiniteIsCountedWhereverItIs) {
   EXPECT_EQ(bad.count, 4u);
   EXPECT_EQ(bad.column, 2);
   EXPECT_EQ(bad.row, 1);
-  EXPECT_EQ(warning_of(bad, "out/color.png", "run"), "warning: out/color.png: 4 of 12 pixels are not finite (magenta in colours), the first in column 2 of row 1; 'arah inspect run' names the tensor with the largest number");
+  EXPECT_EQ(warning_of(bad, "out/color.png", "run"), "warning: out/color.png: 4 of 12 pixels are not finite, the first in column 2 of row 1 (magenta in colours); 'arah inspect run' names the tensor with the largest number");
   picture.normal.clear();
   EXPECT_EQ(bad_pixels(picture).count, 3u);
 

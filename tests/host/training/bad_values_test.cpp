@@ -135,6 +135,17 @@ TEST_F(BadValuesTest, AGradientWhoseNormOverflowsIsBad) {
   EXPECT_TRUE(same_bits(parameters(broken), before));
 }
 
+// A network that takes points well outside for points 1.5 cube units inside: e^(−100 f) has no float32 there.
+TEST_F(BadValuesTest, APenaltyBeyondAllNumbersIsBad) {
+  Trainer lost = trainer();
+  lost.resume(poisoned(lost.checkpoint(), "sdf.2.b", 0, 1, -2.5f));
+  const auto bad = failure_of(lost);
+  ASSERT_TRUE(bad.has_value());
+  std::printf("  %s\n", describe(*bad).c_str());
+  EXPECT_EQ(bad->step, 1u);
+  EXPECT_THAT(describe(*bad), HasSubstr("off_surface"));
+}
+
 // One frame's code is bad: its steps are left out, and the others' are taken.
 TEST_F(BadValuesTest, SkippedStepsAreCountedAndChangeNothing) {
   TrainingSettings settings = small_settings();
