@@ -43,6 +43,8 @@ class Program {
     for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
     if (!std::freopen(output_.c_str(), "w", stdout) || !std::freopen(errors_.c_str(), "w", stderr)) ::_exit(126);
+    // `nohup` and a shell's background leave some of these ignored, and so would the program.
+    for (const int number : {SIGHUP, SIGINT, SIGQUIT, SIGTERM}) std::signal(number, SIG_DFL);
     if (in_child) in_child();
     ::execv(ARAH_PROGRAM, arguments.data());
     ::_exit(127);
