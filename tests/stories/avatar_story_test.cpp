@@ -295,7 +295,11 @@ TEST_F(Stories, ARunThatWasInterruptedEndsWithTheSameBits) {
 
 // What a program holds beside its buffers, as the help of --memory says: itself, the driver with its compiler, the template's
 // samples, pictures.
+#if defined(__SANITIZE_ADDRESS__)
+constexpr uint64_t kBesideBuffers = 1200ull << 20;  // shadow, room around each block, and libraries that stay loaded (tests/sanitizers.cpp)
+#else
 constexpr uint64_t kBesideBuffers = 450ull << 20;
+#endif
 
 TEST_F(Stories, PosesThatBreakAnAvatarAreShown) {
   const Outcome trained = arah(training("bent", {"--steps", "2"}));

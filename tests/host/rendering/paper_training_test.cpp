@@ -1,7 +1,12 @@
 // Training the paper's way: samples around the surface, normals and view as colour inputs, a step in one pass or several.
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <cmath>
 
 #include "host/avatar/spec_choice.h"
+#include "host/rendering/field.h"
+#include "host/rendering/frame_on_device.h"
 #include "host/training/trainer.h"
 #include "tests/host/rendering/capsule_scene.h"
 #include "tests/host/training/training_scene.h"
@@ -88,9 +93,10 @@ TEST_F(PaperTraining, LearnsTheColours) {
   EXPECT_LT(after, 0.9 * before);
 }
 
-// With the released sizes, 85.6 million numbers of the hypernetwork from zero, one step of Adam can break the surface (ARAH.md,
-// its end): what the joint search finds must not become less in the first 100 steps that the shape learns in. The pictures are
-// small and the rays few, and colours learn alone for 100 steps before instead of 200.
+// With the released sizes, 85.6 million numbers of the hypernetwork from zero, a few steps of Adam can break the surface (ARAH.md,
+// its end; docs/decisions/pose-conditioning.md). In the first 100 steps that the shape learns in it may move the surface by millimetres:
+// 1.3 mm at the presets' rate, 11 mm at the released one, which is ten times as high. The pictures are small and the rays few, and
+// colours learn alone for 100 steps before instead of 200.
 TEST_F(PaperTraining, ThePapersHypernetworkKeepsTheSurface) {
   const AvatarSpec spec = choose_spec("paper", capture_facts(small_capture())).spec;
   ASSERT_EQ(spec.sdf.pose, PoseConditioning::hypernetwork);
@@ -116,19 +122,50 @@ TEST_F(PaperTraining, ThePapersHypernetworkKeepsTheSurface) {
     for (int step = 0; step < 25; ++step) sum += measuring.step(1000).hits / 25;
     return sum;
   };
+  // In the pose of a frame, at the template's vertices, metres.
+  const std::vector<glm::dvec3> vertices = canonical_vertices(avatar.body, avatar.canonical);
+  const Pose& pose = motion_of(small_capture(), "train").frames[0].pose;
+  const auto distances = [&](const Avatar& of) {
+    AvatarNetworks networks(device, of, false);
+    TemplateOnDevice body(device, of.body);
+    FrameOnDevice frame(device, of, body, pose, {});
+    const auto count = static_cast<uint32_t>(vertices.size());
+    Field field(device, networks, count, 1, {.capacity = point_padding}, false);
+    networks.record_pack(commands, 0, pose_input(of, pose));
+    std::vector<std::array<float, 4>> points(padded_points(count), {0, 0, 0, 0});
+    for (uint32_t i = 0; i < count; ++i) points[i] = {static_cast<float>(vertices[i].x), static_cast<float>(vertices[i].y), static_cast<float>(vertices[i].z), 1};
+    Buffer rows = filled("points", points);
+    const Matrix answer = field.record_distances(commands, frame.constants(), rows.slice(), count, false);
+    commands.submit_and_wait();
+    const std::vector<float> values = device.download<float>(answer.slice.elements(0, uint64_t(count) * answer.stride));
+    std::vector<double> metres(count);
+    for (uint32_t i = 0; i < count; ++i) metres[i] = of.cube.metres_per_unit() * double{values[i * answer.stride + answer.column]};
+    return metres;
+  };
+  const auto moved = [&](const Avatar& from, const Avatar& to) {
+    const std::vector<double> a = distances(from), b = distances(to);
+    double sum = 0;
+    for (size_t i = 0; i < a.size(); ++i) sum += std::abs(b[i] - a[i]);
+    return sum / double(a.size());
+  };
+
   Trainer trainer(device, small_capture(), avatar, s);
   const auto train = [&] {
     for (int step = 0; step < 100; ++step) trainer.step(10000 - trainer.steps_done());
     return trainer.avatar();
   };
   const Avatar colored = train(), trained = train();
-  double moved = 0;
-  for (float w : trained.tensor("hyper_last.1.W")) moved = std::max(moved, std::abs(double{w}));
-  const double before = hits(colored), after = hits(trained);
-  std::printf("  fitted: sdf %.2f mm; %.4f of the rays on the person hit the surface before, %.4f after 100 steps of the shape; last layers' weights up to %.2g\n", 1000 * fit.sdf_error, before, after, moved);
-  EXPECT_GT(moved, 0) << "the hypernetwork learns from the start";
+  Avatar alone = trained;  // the shape without what the hypernetwork has learned
+  for (size_t layer = 0; alone.layout.has(fmt::format("hyper_last.{}.W", layer)); ++layer)
+    for (const char* part : {"W", "b"}) std::ranges::fill(alone.tensor(fmt::format("hyper_last.{}.{}", layer, part)), 0.0f);
+  const double by_all = moved(colored, trained), by_hypernetwork = moved(alone, trained), before = hits(colored), after = hits(trained);
+  std::printf("  fitted: sdf %.2f mm; 100 steps of the shape move the surface by %.3f mm, the hypernetwork by %.3f; %.4f of the rays on the person hit it before, %.4f after\n", 1000 * fit.sdf_error, 1000 * by_all, 1000 * by_hypernetwork, before, after);
+  EXPECT_GT(by_hypernetwork, 0) << "the hypernetwork learns from the start";
+  EXPECT_LT(by_hypernetwork, 0.004);
+  // A collapse leaves a third of them. So few rays move the whole surface by a centimetre, with which 7 in 100 were lost at the most and
+  // a few found, from seed to seed and from one rounding of the losses to another.
   EXPECT_GT(before, 0.9) << "else there is little to lose";
-  EXPECT_GT(after, before - 0.01);
+  EXPECT_GT(after, before - 0.1);
 }
 
 }  // namespace
