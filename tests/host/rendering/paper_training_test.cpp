@@ -95,7 +95,7 @@ TEST_F(PaperTraining, LearnsTheColours) {
 
 // With the released sizes, 85.6 million numbers of the hypernetwork from zero, a few steps of Adam can break the surface (ARAH.md,
 // its end; docs/decisions/pose-conditioning.md). In the first 100 steps that the shape learns in it may move the surface by millimetres:
-// 1.3 mm at the presets' rate, 11 mm at the released one, which is ten times as high. The pictures are small and the rays few, and
+// 1.3 and 1.7 mm at the presets' rate from two seeds, 11 mm at the released one, which is ten times as high. The pictures are small and the rays few, and
 // colours learn alone for 100 steps before instead of 200.
 TEST_F(PaperTraining, ThePapersHypernetworkKeepsTheSurface) {
   const AvatarSpec spec = choose_spec("paper", capture_facts(small_capture())).spec;
