@@ -108,7 +108,7 @@ TEST(BadPixelsStory, RenderAnimateAndEvaluateCountAndNameThem) {
   EXPECT_EQ(of_whole["unmeasured"], 0);
   EXPECT_TRUE(of_whole["mean"]["psnr"].is_number());
 
-  // No study without an exact picture to compare with, and no time is spent on measuring it.
+  // No study without an exact picture to compare with.
   const Outcome studied = arah({"tradeoff", bad, capture, "-o", (folder / "study").string(), "--pictures", "1", "--size", "16"});
   EXPECT_EQ(studied.code, 2) << studied.errors;
   EXPECT_THAT(studied.errors, AllOf(HasSubstr("rendering 'paper' of camera "), HasSubstr("expected finite numbers, found "), HasSubstr(" pixels are not finite, the first in column "), HasSubstr("'arah inspect'")));

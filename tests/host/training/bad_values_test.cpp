@@ -135,7 +135,7 @@ TEST_F(BadValuesTest, AGradientWhoseNormOverflowsIsBad) {
   EXPECT_TRUE(same_bits(parameters(broken), before));
 }
 
-// A network that takes points well outside for points 1.5 cube units inside: e^(−100 f) has no float32 there.
+// A network that takes points well outside the body for points far inside, where e^(−100 f) has no float32.
 TEST_F(BadValuesTest, APenaltyBeyondAllNumbersIsBad) {
   Trainer lost = trainer();
   lost.resume(poisoned(lost.checkpoint(), "sdf.2.b", 0, 1, -2.5f));
